@@ -1,0 +1,18 @@
+//! What a Sightline server and its clients share, so that a client can check itself.
+//!
+//! Imports nothing else of this project. Contents, in the order of data flow:
+//! [`diamond`] (topology of the bisection hierarchy, by arithmetic), [`predicates`] (exact signs), [`mesh`] (a set of
+//! active posts with heights, and its triangles), [`verdict`] (the line of sight on a mesh), [`codec`] (a mesh as
+//! bytes, see `WIRE.md`) and [`v1`] (the generated messages and services).
+
+pub mod diamond;
+pub mod mesh;
+
+/// Messages and services of package `sightline.v1`, generated from `sightline/v1/*.proto`.
+#[allow(missing_docs, unreachable_pub, clippy::all)]
+pub mod v1 {
+    tonic::include_proto!("sightline.v1");
+
+    /// The encoded descriptors of this package, for server reflection.
+    pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
+}

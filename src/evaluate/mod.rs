@@ -1,0 +1,1 @@
+//! Flights, metrics and the consistency comparison.

@@ -1,0 +1,1 @@
+//! Exercises: entities, sight lines and epochs. A state machine without I/O.

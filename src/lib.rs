@@ -1,0 +1,21 @@
+//! Sightline: a server for multi-client terrain simulation with exact, consistent lines of sight.
+//!
+//! It holds one finest-resolution terrain, answers lines of sight on it exactly, and streams to each scene generator
+//! a mesh of the triangle count that it asked for, refined so that every registered sight line has the same answer on
+//! that mesh as on the finest terrain (Duchaineau et al., "Good terrain geometry, cheap!").
+//!
+//! Data flows down this list of modules; imports point up it. `tests/architecture.rs` enforces the arrows.
+
+pub mod cli;
+pub mod database;
+pub mod dem;
+pub mod evaluate;
+pub mod exercise;
+pub mod los;
+pub mod roam;
+pub mod service;
+pub mod session;
+pub mod store;
+pub mod terrain;
+pub mod view;
+pub mod wedgie;

@@ -1,0 +1,1 @@
+//! Exact lines of sight on the finest surface, and the naive reference that they are tested against.

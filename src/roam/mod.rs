@@ -1,0 +1,1 @@
+//! Dual-queue refinement of a view's mesh to a triangle budget, and the requirements of its sight lines.

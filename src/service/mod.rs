@@ -1,0 +1,1 @@
+//! The gRPC services: conversion, limits, status codes. The only module with sockets beside `cli`.

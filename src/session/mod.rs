@@ -1,0 +1,1 @@
+//! A view's life: pose in, frame out. Without I/O.

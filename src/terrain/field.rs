@@ -1,0 +1,229 @@
+//! Posts, pages and the trait through which the algorithms read heights.
+
+use std::sync::Arc;
+
+use sightline_proto::diamond::{Post, RootSquare};
+use thiserror::Error;
+
+/// Posts along the side of a page.
+pub const PAGE_SIDE: u32 = 64;
+/// Posts of a page.
+pub const PAGE_POSTS: usize = (PAGE_SIDE * PAGE_SIDE) as usize;
+
+/// The extent of a grid of posts, at least 2 by 2, and the root square that covers it.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Grid {
+    nx: u32,
+    ny: u32,
+    root: RootSquare,
+}
+
+/// Why a size is not a grid's.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Error)]
+#[error("a grid of {nx} x {ny} posts: it needs 2 to 2^30 + 1 posts a side")]
+pub struct GridError {
+    /// Posts from west to east.
+    pub nx: u32,
+    /// Posts from south to north.
+    pub ny: u32,
+}
+
+impl Grid {
+    /// A grid of `nx` by `ny` posts.
+    pub fn new(nx: u32, ny: u32) -> Result<Self, GridError> {
+        let root = RootSquare::covering(nx, ny).ok_or(GridError { nx, ny })?;
+        Ok(Self { nx, ny, root })
+    }
+
+    /// Posts from west to east.
+    pub fn nx(self) -> u32 {
+        self.nx
+    }
+
+    /// Posts from south to north.
+    pub fn ny(self) -> u32 {
+        self.ny
+    }
+
+    /// The smallest root square that covers the grid.
+    pub fn root(self) -> RootSquare {
+        self.root
+    }
+
+    /// Number of posts.
+    pub fn posts(self) -> u64 {
+        u64::from(self.nx) * u64::from(self.ny)
+    }
+
+    /// Whether `p` is a post of the grid, as opposed to padding.
+    pub fn contains(self, p: Post) -> bool {
+        p.i < self.nx && p.j < self.ny
+    }
+
+    /// The post of the grid whose height `p` has: itself, or for padding the nearest one of the border.
+    pub fn clamp(self, p: Post) -> Post {
+        Post::new(p.i.min(self.nx - 1), p.j.min(self.ny - 1))
+    }
+
+    /// Pages from west to east, and from south to north.
+    pub fn pages(self) -> (u32, u32) {
+        (self.nx.div_ceil(PAGE_SIDE), self.ny.div_ceil(PAGE_SIDE))
+    }
+}
+
+/// A page of posts: those with `i / 64 == pi` and `j / 64 == pj`.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Debug)]
+pub struct PageId {
+    /// Page column, eastward.
+    pub pi: u32,
+    /// Page row, northward.
+    pub pj: u32,
+}
+
+impl PageId {
+    /// The page that holds post `p`.
+    pub fn of(p: Post) -> Self {
+        Self { pi: p.i / PAGE_SIDE, pj: p.j / PAGE_SIDE }
+    }
+}
+
+/// Why heights or bounds could not be read. Never a verdict.
+#[derive(Clone, PartialEq, Eq, Debug, Error)]
+pub enum ReadError {
+    /// The file does not hold what was written to it.
+    #[error("{what} of the database is damaged: {detail}; run `sightline verify`, then ingest it again")]
+    Damaged {
+        /// Which page, table or section.
+        what: String,
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// The operating system refused a read.
+    #[error("reading {what}: {detail}")]
+    Io {
+        /// What was read.
+        what: String,
+        /// The system's words.
+        detail: String,
+    },
+}
+
+/// The heights of a page in the narrowest type that holds them; row-major, south row first, [`PAGE_POSTS`] long.
+#[derive(Clone, Debug)]
+pub enum Samples {
+    /// 16-bit integers.
+    I16(Box<[i16]>),
+    /// 32-bit integers.
+    I32(Box<[i32]>),
+    /// Any finite f64.
+    F64(Box<[f64]>),
+}
+
+/// A page of heights. Void posts carry their filled (drawn) height; posts of the page beyond the grid are 0.
+#[derive(Clone, Debug)]
+pub struct HeightPage {
+    samples: Samples,
+    /// One bit a post, set where void; `None` when no post of the page is.
+    voids: Option<Box<[u64; PAGE_POSTS / 64]>>,
+}
+
+impl HeightPage {
+    /// A page of samples and, where some are void, their bits.
+    ///
+    /// # Panics
+    /// When there are not [`PAGE_POSTS`] samples: that is the caller's defect, not the input's.
+    pub fn new(samples: Samples, voids: Option<Box<[u64; PAGE_POSTS / 64]>>) -> Self {
+        let len = match &samples {
+            Samples::I16(s) => s.len(),
+            Samples::I32(s) => s.len(),
+            Samples::F64(s) => s.len(),
+        };
+        assert_eq!(len, PAGE_POSTS);
+        Self { samples, voids }
+    }
+
+    /// The heights.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// Whether any post of the page is void.
+    pub fn has_voids(&self) -> bool {
+        self.voids.is_some()
+    }
+
+    /// The post at column `i` and row `j` of the page, both below [`PAGE_SIDE`].
+    #[inline]
+    pub fn at(&self, i: u32, j: u32) -> DrawnPost {
+        let n = (j * PAGE_SIDE + i) as usize;
+        let z = match &self.samples {
+            Samples::I16(s) => f64::from(s[n]),
+            Samples::I32(s) => f64::from(s[n]),
+            Samples::F64(s) => s[n],
+        };
+        let void = self.voids.as_ref().is_some_and(|v| v[n / 64] >> (n % 64) & 1 == 1);
+        DrawnPost { z, void }
+    }
+}
+
+/// What is stored of a post: the height at which it is drawn, and whether that height is only filled in.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct DrawnPost {
+    /// Height in height units; for a void post the filled one.
+    pub z: f64,
+    /// Whether there is no data here: unknown to lines of sight.
+    pub void: bool,
+}
+
+/// A grid of posts with exact heights, read by page.
+pub trait HeightField: Send + Sync {
+    /// The extent of the grid.
+    fn grid(&self) -> Grid;
+
+    /// Reads one page. `id` must be within [`Grid::pages`].
+    fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError>;
+}
+
+/// Number of pages that a [`Posts`] keeps at hand; a power of two.
+const SLOTS: usize = 64;
+
+/// A reader's own view of a field: keeps the last pages it met, so that neighbouring posts cost no lock.
+pub struct Posts<'a, H: HeightField + ?Sized> {
+    field: &'a H,
+    grid: Grid,
+    slots: Vec<Option<(PageId, Arc<HeightPage>)>>,
+}
+
+impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
+    /// A reader of `field` with nothing at hand.
+    pub fn new(field: &'a H) -> Self {
+        Self { field, grid: field.grid(), slots: vec![None; SLOTS] }
+    }
+
+    /// The extent of the grid.
+    pub fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// The post at `p`, which may be padding: then the drawn height of the nearest border post, and void.
+    #[inline]
+    pub fn at(&mut self, p: Post) -> Result<DrawnPost, ReadError> {
+        let inside = self.grid.clamp(p);
+        let page = self.page(PageId::of(inside))?;
+        let post = page.at(inside.i % PAGE_SIDE, inside.j % PAGE_SIDE);
+        Ok(DrawnPost { z: post.z, void: post.void || inside != p })
+    }
+
+    /// The page `id`, which must be within the grid.
+    #[inline]
+    pub fn page(&mut self, id: PageId) -> Result<&HeightPage, ReadError> {
+        let slot = (id.pi as usize % 8 + id.pj as usize % 8 * 8) % SLOTS;
+        if self.slots[slot].as_ref().is_none_or(|(held, _)| *held != id) {
+            self.slots[slot] = Some((id, self.field.page(id)?));
+        }
+        match &self.slots[slot] {
+            Some((_, page)) => Ok(page),
+            None => unreachable!("the slot was filled above"),
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! A height field held in memory: for tests, conformance grids and synthetic terrain. Heights are any finite f64.
+
+use std::sync::Arc;
+
+use super::field::{Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError, Samples};
+
+/// A height field held in memory.
+#[derive(Clone, Debug)]
+pub struct MemoryField {
+    grid: Grid,
+    pages: Vec<Arc<HeightPage>>,
+}
+
+impl MemoryField {
+    /// A field of `nx` by `ny` posts whose height is `height(i, j)`; `None` is a void post, drawn at height 0.
+    ///
+    /// # Panics
+    /// When a height is not finite.
+    pub fn from_fn(nx: u32, ny: u32, mut height: impl FnMut(u32, u32) -> Option<f64>) -> Result<Self, GridError> {
+        let grid = Grid::new(nx, ny)?;
+        let (columns, rows) = grid.pages();
+        let mut pages = Vec::with_capacity(columns as usize * rows as usize);
+        for pj in 0..rows {
+            for pi in 0..columns {
+                pages.push(Arc::new(page(grid, PageId { pi, pj }, &mut height)));
+            }
+        }
+        Ok(Self { grid, pages })
+    }
+}
+
+fn page(grid: Grid, id: PageId, height: &mut impl FnMut(u32, u32) -> Option<f64>) -> HeightPage {
+    let mut samples = vec![0.0; PAGE_POSTS].into_boxed_slice();
+    let mut voids = Box::new([0; PAGE_POSTS / 64]);
+    let (west, south) = (id.pi * PAGE_SIDE, id.pj * PAGE_SIDE);
+    for j in south..(south + PAGE_SIDE).min(grid.ny()) {
+        for i in west..(west + PAGE_SIDE).min(grid.nx()) {
+            let n = ((j - south) * PAGE_SIDE + i - west) as usize;
+            match height(i, j) {
+                Some(z) => {
+                    assert!(z.is_finite(), "height {z} of post ({i}, {j})");
+                    samples[n] = z;
+                }
+                None => voids[n / 64] |= 1 << (n % 64),
+            }
+        }
+    }
+    let any = voids.iter().any(|&w| w != 0);
+    HeightPage::new(Samples::F64(samples), any.then_some(voids))
+}
+
+impl HeightField for MemoryField {
+    fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
+        let (columns, _) = self.grid.pages();
+        Ok(Arc::clone(&self.pages[id.pj as usize * columns as usize + id.pi as usize]))
+    }
+}

@@ -1,0 +1,15 @@
+//! The finest surface: a grid of posts with exact heights, its scale and its place on Earth.
+//!
+//! Everything below this module sees terrain through [`HeightField`]. Heights are exact f64 values in height units
+//! (a database's are integers); reads go by page and may fail; nothing holds a terrain as one slice.
+
+mod field;
+mod georeference;
+mod memory;
+pub mod synthetic;
+
+pub use field::{
+    DrawnPost, Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Posts, ReadError, Samples,
+};
+pub use georeference::{EARTH_RADIUS_M, Georeference, SceneScale};
+pub use memory::MemoryField;

@@ -1,0 +1,1 @@
+//! Cameras: pose, projection, frustum, and the bound on screen-space distortion that orders refinement.
