@@ -4,7 +4,12 @@
 //! a mesh of the triangle count that it asked for, refined so that every registered sight line has the same answer on
 //! that mesh as on the finest terrain (Duchaineau et al., "Good terrain geometry, cheap!").
 //!
-//! Data flows down this list of modules; imports point up it. `tests/architecture.rs` enforces the arrows.
+//! Data flows down this list; imports point up it, which `tests/architecture.rs` enforces:
+//!
+//! [`terrain`] (the finest surface), [`wedgie`] (error bounds), [`view`] (cameras and screen distortion), [`dem`]
+//! (elevation files), [`database`] (one immutable file), [`los`] (exact lines of sight), [`roam`] (refinement and
+//! sight-line requirements), [`exercise`] (entities, sight lines, epochs), [`session`] (a view's life), [`evaluate`]
+//! (flights, consistency), [`store`] (where exercises are kept), [`service`] (gRPC), [`cli`] (the verbs).
 
 pub mod cli;
 pub mod database;
