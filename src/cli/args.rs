@@ -6,7 +6,10 @@ use super::Failure;
 
 /// `X,Y,Z` on the command line.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) struct Point(pub [f64; 3]);
+pub struct Point(
+    /// The three numbers.
+    pub [f64; 3],
+);
 
 impl FromStr for Point {
     type Err = String;
@@ -25,7 +28,7 @@ impl FromStr for Point {
 }
 
 /// Refuses to write over a file that exists, unless `force`.
-pub(super) fn refuse_existing(path: &Path, force: bool) -> Result<(), Failure> {
+pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Failure> {
     if !force && path.exists() {
         return Err(Failure::Environment(format!("{} exists; give --force to replace it", path.display())));
     }

@@ -4,7 +4,7 @@
 //! output, everything else to standard error. Exit status: 0 done, 1 a check found something, 2 usage, 3 bad input,
 //! 4 environment. A BLOCKED verdict is 0.
 
-mod args;
+pub mod args;
 
 use std::{ffi::OsString, fmt::Display, process::ExitCode};
 
