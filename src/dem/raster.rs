@@ -1,0 +1,89 @@
+//! What a reader gives: a raster's description and its rows.
+
+use crate::terrain::Georeference;
+
+use super::DemError;
+
+/// Heights further than this from 0 are refused: no place has them, and with [`FLOAT_UNIT_M`] they still fit 32 bits.
+pub const MAX_HEIGHT_M: f64 = 16_777_216.0;
+
+/// The height unit suggested for rasters of floating-point samples: 2^-6 m, about 16 mm.
+///
+/// A power of two, so that the quantised heights are exact numbers of metres; fine against the 0.05 to 0.15 m accuracy
+/// of lidar models; and [`MAX_HEIGHT_M`] fits in 31 bits.
+pub const FLOAT_UNIT_M: f64 = 1.0 / 64.0;
+
+/// What the user says over what the files say.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct OpenOptions {
+    /// The sample value that means "no data", in place of the file's own. NaN and infinite samples are void anyway.
+    pub nodata: Option<f64>,
+    /// EPSG code of the horizontal reference system, in place of the file's own.
+    pub epsg: Option<u32>,
+}
+
+/// How far a long scan has come.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Progress {
+    /// Bytes done.
+    pub done: u64,
+    /// Bytes in all.
+    pub total: u64,
+}
+
+/// What is known of a raster before its heights are read.
+#[derive(Clone, PartialEq, Debug)]
+pub struct RasterInfo {
+    /// The format in words, such as "SRTM .hgt" or "GeoTIFF, int16".
+    pub format: String,
+    /// Posts from west to east, at least 2.
+    pub nx: u32,
+    /// Posts from south to north, at least 2.
+    pub ny: u32,
+    /// Where the posts lie: pixel centres of an area raster. Without georeference: origin 0 and unit steps.
+    pub georeference: Georeference,
+    /// Suggested height unit in metres: what makes integer samples exact; [`FLOAT_UNIT_M`] for floating point.
+    pub unit_m: f64,
+    /// What the user should know: a reference system or vertical datum in words, an assumption made.
+    pub notes: Vec<String>,
+}
+
+/// What the overlaps of a mosaic's tiles showed, over the rows read so far.
+#[derive(Clone, Copy, PartialEq, Debug, Default)]
+pub struct SeamReport {
+    /// Tiles of the mosaic.
+    pub tiles: u32,
+    /// Tiles that a rectangle would have but that were not given; their posts are void.
+    pub missing_tiles: u32,
+    /// Posts that are known in more than one tile.
+    pub compared_posts: u64,
+    /// Those of them whose heights differ; the south-western tile won.
+    pub differing_posts: u64,
+    /// The largest difference, in metres.
+    pub largest_difference_m: f64,
+    /// Posts that are void in one tile and known in another; the known one won.
+    pub filled_posts: u64,
+}
+
+/// An elevation raster whose rows are read on demand.
+///
+/// Reading each row once, from south to north, is what every reader is made for; other orders are right but may cost
+/// more. Readers keep a band of rows at hand: the height of a block row (strip or tile) in GeoTIFF, one text row in
+/// Esri ASCII, the decompressed tiles of one row of tiles for zipped `.hgt` (25 MiB each), and nothing for raw `.hgt`.
+pub trait Raster: Send {
+    /// What is known of the raster.
+    fn info(&self) -> &RasterInfo;
+
+    /// Reads `out.len() / nx` whole rows from row `j0` (0 is the southernmost) into `out`, row-major, south row first.
+    ///
+    /// Heights are in metres, finite and at most [`MAX_HEIGHT_M`] from 0; NaN is void.
+    ///
+    /// # Panics
+    /// When `out` is not a whole number of rows within the raster: that is the caller's defect, not the input's.
+    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError>;
+
+    /// What the tiles' overlaps showed in the rows read so far; `None` when there is only one file.
+    fn seams(&self) -> Option<SeamReport> {
+        None
+    }
+}
