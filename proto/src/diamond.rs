@@ -222,6 +222,11 @@ impl RootSquare {
             .map(Triangle::clockwise)
     }
 
+    /// The ends of the base of the diamond at `p`, which is their midpoint; `None` for a corner and outside the square.
+    pub fn base_ends(self, p: Post) -> Option<[Post; 2]> {
+        self.triangles(p).next().map(|t| [t.e0, t.e1])
+    }
+
     fn apex_offsets(p: Post) -> [(i64, i64); 2] {
         let (b, kind) = Kind::of(p);
         let d = i64::from(b);

@@ -3,10 +3,13 @@
 //! Imports nothing else of this project. Contents, in the order of data flow:
 //! [`diamond`] (topology of the bisection hierarchy, by arithmetic), [`predicates`] (exact signs), [`mesh`] (a set of
 //! active posts with heights, and its triangles), [`verdict`] (the line of sight on a mesh), [`codec`] (a mesh as
-//! bytes, see `WIRE.md`) and [`v1`] (the generated messages and services).
+//! bytes, see `WIRE.md`), [`replica`] (a mesh kept up to date by frames) and [`v1`] (the generated messages and services).
 
+mod bits;
+pub mod codec;
 pub mod diamond;
 pub mod mesh;
+pub mod replica;
 
 /// Messages and services of package `sightline.v1`, generated from `sightline/v1/*.proto`.
 #[allow(missing_docs, unreachable_pub, clippy::all)]
