@@ -1,1 +1,3 @@
 //! Flights, metrics and the consistency comparison.
+
+pub mod flight;

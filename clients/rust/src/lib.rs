@@ -1,1 +1,3 @@
-//! x
+//! Rust client of a Sightline server.
+
+pub mod raster;
