@@ -9,7 +9,10 @@ mod bits;
 pub mod codec;
 pub mod diamond;
 pub mod mesh;
+mod number;
+pub mod predicates;
 pub mod replica;
+pub mod verdict;
 
 /// Messages and services of package `sightline.v1`, generated from `sightline/v1/*.proto`.
 #[allow(missing_docs, unreachable_pub, clippy::all)]

@@ -1,0 +1,204 @@
+//! Two kinds of number for one formula: an interval that settles most signs, an exact dyadic that settles all.
+//!
+//! A compound predicate is written once over [`Number`] and evaluated first with [`Interval`], then, when the sign is
+//! not certain, with [`Dyadic`]. The bound of the interval rung needs no derivation of its own: each operation rounds
+//! to nearest, and one step outward then covers the true result, in the subnormal range too.
+
+use num_bigint::BigInt;
+use num_traits::Zero;
+
+use crate::predicates::Sign;
+
+/// A number with the ring operations, whose sign may be uncertain.
+pub(crate) trait Number: Sized {
+    /// The number `v`, which must be finite.
+    fn of(v: f64) -> Self;
+    /// The sum.
+    fn add(&self, other: &Self) -> Self;
+    /// The difference.
+    fn sub(&self, other: &Self) -> Self;
+    /// The product.
+    fn mul(&self, other: &Self) -> Self;
+    /// The sign; `None` when it is not certain.
+    fn sign(&self) -> Option<Sign>;
+}
+
+/// Every value between two f64, which may be infinite.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Interval {
+    low: f64,
+    high: f64,
+}
+
+impl Interval {
+    const WHOLE: Self = Self { low: f64::NEG_INFINITY, high: f64::INFINITY };
+
+    /// The interval around two rounded bounds. A NaN (from infinity minus infinity, or zero times infinity) means
+    /// that nothing is known.
+    fn outward(low: f64, high: f64) -> Self {
+        if low.is_nan() || high.is_nan() { Self::WHOLE } else { Self { low: low.next_down(), high: high.next_up() } }
+    }
+}
+
+impl Number for Interval {
+    fn of(v: f64) -> Self {
+        Self { low: v, high: v }
+    }
+
+    fn add(&self, other: &Self) -> Self {
+        Self::outward(self.low + other.low, self.high + other.high)
+    }
+
+    fn sub(&self, other: &Self) -> Self {
+        let (low, high) = (self.low - other.high, self.high - other.low);
+        // With gradual underflow a difference is zero only when its terms are equal: exact, and common on a grid.
+        if low == 0.0 && high == 0.0 { Self { low, high } } else { Self::outward(low, high) }
+    }
+
+    fn mul(&self, other: &Self) -> Self {
+        let products = [self.low * other.low, self.low * other.high, self.high * other.low, self.high * other.high];
+        if products.iter().any(|p| p.is_nan()) {
+            return Self::WHOLE;
+        }
+        if (self.low == 0.0 && self.high == 0.0) || (other.low == 0.0 && other.high == 0.0) {
+            return Self::of(0.0);
+        }
+        let low = products.iter().fold(f64::INFINITY, |a, &b| a.min(b));
+        let high = products.iter().fold(f64::NEG_INFINITY, |a, &b| a.max(b));
+        Self::outward(low, high)
+    }
+
+    fn sign(&self) -> Option<Sign> {
+        if self.low > 0.0 {
+            Some(Sign::Positive)
+        } else if self.high < 0.0 {
+            Some(Sign::Negative)
+        } else if self.low == 0.0 && self.high == 0.0 {
+            Some(Sign::Zero)
+        } else {
+            None
+        }
+    }
+}
+
+impl Interval {
+    /// The sign of the middle, for a kernel that has no exact rung. Not to be decided by.
+    pub(crate) fn estimate(&self) -> Sign {
+        Sign::of(0.5 * self.low + 0.5 * self.high)
+    }
+}
+
+/// An exact number `mantissa * 2^exponent`. Every finite f64 is one, and so are sums and products of them.
+#[derive(Clone, Debug)]
+pub(crate) struct Dyadic {
+    mantissa: BigInt,
+    exponent: i64,
+}
+
+const FRACTION_BITS: u32 = 52;
+/// Exponent of the last bit of a subnormal f64.
+const LEAST_EXPONENT: i64 = -1074;
+
+impl Number for Dyadic {
+    fn of(v: f64) -> Self {
+        debug_assert!(v.is_finite());
+        let bits = v.to_bits();
+        let fraction = bits & ((1 << FRACTION_BITS) - 1);
+        let biased = (bits >> FRACTION_BITS & 0x7ff) as i64;
+        let (mantissa, exponent) = match biased {
+            0 => (fraction, LEAST_EXPONENT),
+            _ => (fraction | 1 << FRACTION_BITS, LEAST_EXPONENT + biased - 1),
+        };
+        if mantissa == 0 {
+            return Self { mantissa: BigInt::zero(), exponent: 0 };
+        }
+        let zeros = mantissa.trailing_zeros();
+        let mantissa = (mantissa >> zeros) as i64;
+        Self {
+            mantissa: BigInt::from(if v < 0.0 { -mantissa } else { mantissa }),
+            exponent: exponent + i64::from(zeros),
+        }
+    }
+
+    fn add(&self, other: &Self) -> Self {
+        let (a, b, exponent) = self.aligned(other);
+        Self { mantissa: a + b, exponent }
+    }
+
+    fn sub(&self, other: &Self) -> Self {
+        let (a, b, exponent) = self.aligned(other);
+        Self { mantissa: a - b, exponent }
+    }
+
+    fn mul(&self, other: &Self) -> Self {
+        Self { mantissa: &self.mantissa * &other.mantissa, exponent: self.exponent + other.exponent }
+    }
+
+    fn sign(&self) -> Option<Sign> {
+        Some(match self.mantissa.sign() {
+            num_bigint::Sign::Minus => Sign::Negative,
+            num_bigint::Sign::NoSign => Sign::Zero,
+            num_bigint::Sign::Plus => Sign::Positive,
+        })
+    }
+}
+
+impl Dyadic {
+    /// Both mantissas for the lesser of the two exponents.
+    fn aligned(&self, other: &Self) -> (BigInt, BigInt, i64) {
+        // A zero takes any exponent; without this it could drag a huge number down to its own.
+        if self.mantissa.is_zero() {
+            return (BigInt::zero(), other.mantissa.clone(), other.exponent);
+        }
+        if other.mantissa.is_zero() {
+            return (self.mantissa.clone(), BigInt::zero(), self.exponent);
+        }
+        let exponent = self.exponent.min(other.exponent);
+        let shifted = |v: &Self| &v.mantissa << (v.exponent - exponent);
+        (shifted(self), shifted(other), exponent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_rational::BigRational;
+    use proptest::prelude::*;
+
+    fn finite() -> impl Strategy<Value = f64> {
+        prop_oneof![
+            any::<u64>().prop_map(f64::from_bits),
+            (-9..9_i32).prop_map(f64::from),
+            Just(5e-324),
+            Just(-1e300),
+            Just(f64::MAX),
+            Just(-f64::MAX),
+            Just(f64::MIN_POSITIVE),
+        ]
+        .prop_filter("finite", |v| v.is_finite())
+    }
+
+    fn rational_sign(v: &BigRational) -> Sign {
+        use num_traits::Signed;
+        match (v.is_positive(), v.is_negative()) {
+            (true, _) => Sign::Positive,
+            (_, true) => Sign::Negative,
+            _ => Sign::Zero,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn both_kinds_agree_with_rationals(a in finite(), b in finite(), c in finite(), d in finite()) {
+            fn formula<N: Number>([a, b, c, d]: [f64; 4]) -> Option<Sign> {
+                let [a, b, c, d] = [a, b, c, d].map(N::of);
+                a.sub(&b).mul(&c).add(&d).sign()
+            }
+            let [ra, rb, rc, rd] = [a, b, c, d].map(|v| BigRational::from_float(v).unwrap());
+            let truth = rational_sign(&((ra - rb) * rc + rd));
+            prop_assert_eq!(formula::<Dyadic>([a, b, c, d]), Some(truth));
+            let interval = formula::<Interval>([a, b, c, d]);
+            prop_assert!(interval.is_none() || interval == Some(truth), "{:?} {:?}", interval, truth);
+        }
+    }
+}
