@@ -1,14 +1,33 @@
 //! Error bounds over the hierarchy: how far the finest surface strays from each diamond's triangles.
 //!
-//! The papers' *wedgie* is the solid between a bintree triangle raised and lowered by its thickness. Two thicknesses
-//! are kept for each diamond: *tight*, the true maximum deviation rounded up, which proofs about sight lines use and
-//! reports state; and *nested*, never less than any descendant's, which alone orders refinement.
+//! The papers' *wedgie* (Duchaineau et al., "Good terrain geometry, cheap!", sections 5 and 6.2) is the solid between a
+//! bintree triangle raised and lowered by its thickness. Two thicknesses are kept for each diamond: *tight*, the true
+//! maximum deviation rounded up, which proofs about sight lines use and reports state; and *nested*, never less than
+//! any descendant's, which alone orders refinement. The paper takes one thickness, built up from the children's; here
+//! the true deviation is measured, and the order is made monotone ("refinable") by the nested thickness and ball.
+//!
+//! Deviations are counted at the posts of the grid (filled voids included): padding adds none of its own. They are
+//! attained at posts, since every bintree triangle is a union of finest triangles and so is the grid rectangle.
+
+mod deviation;
+mod finest;
+mod memory;
+mod pyramid;
+#[cfg(test)]
+mod tests;
 
 use sightline_proto::diamond::Post;
 
 use crate::terrain::ReadError;
 
+pub use finest::{finest_bounds, finest_bounds_with};
+pub use memory::MemoryTerrain;
+pub use pyramid::{BoundsPyramid, Lattice};
+
 /// What is known of the surface over one diamond. Thicknesses in height units, rounded up to f32.
+///
+/// Never NaN; +infinity where the heights are so great that nothing less is sure. All zero for diamonds beyond the
+/// grid that no descendant's deviation reaches.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct DiamondBounds {
     /// Greatest vertical distance between the drawn finest surface over the grid and the diamond's triangles.
@@ -24,4 +43,18 @@ pub struct DiamondBounds {
 pub trait ErrorBounds: Send + Sync {
     /// The bounds of the diamond at `p`, which must be a post of the root square but not a corner.
     fn bounds(&self, p: Post) -> Result<DiamondBounds, ReadError>;
+}
+
+/// Each ball is widened by this factor over what f64 arithmetic gives for it. Rounding in distances is below 2^-48 of
+/// the coordinates involved; so a child's ball lies within its parent's, with room to spare for the rounding of those
+/// who compare the two, as long as coordinates stay below 2^30 times the radius.
+const BALL_MARGIN: f64 = 1.0 + 1.0 / 65_536.0;
+
+/// The least f32 not below `x`; +infinity for NaN, which stands for "nothing is sure".
+fn round_up(x: f64) -> f32 {
+    if x.is_nan() {
+        return f32::INFINITY;
+    }
+    let nearest = x as f32;
+    if f64::from(nearest) < x { nearest.next_up() } else { nearest }
 }
