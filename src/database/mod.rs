@@ -1,1 +1,26 @@
 //! The terrain database: its format (see `FORMAT.md`), writer, reader with a bounded page cache, verification, ingest.
+//!
+//! One immutable file, paged, versioned by a hash of its content. It is opened by reading its first few kilobytes,
+//! whatever its size; pages are read when they are asked for, and each is checked against its checksum then. Damage is
+//! an error for the query that meets it, never a wrong height and never a panic. There is no memory mapping, so a file
+//! that shrinks while it is open is an error and not a signal; `PageSource` is where a mapping would go.
+
+mod cache;
+mod curve;
+mod directory;
+pub mod envelope;
+mod error;
+mod format;
+mod layout;
+mod manifest;
+mod pages;
+mod reader;
+mod source;
+#[cfg(test)]
+mod tests;
+mod writer;
+
+pub use error::{OpenError, WriteError};
+pub use manifest::{Provenance, TerrainManifest};
+pub use reader::{Database, OpenOptions, SectionInfo};
+pub use writer::{Description, Written, write};

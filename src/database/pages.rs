@@ -1,0 +1,157 @@
+//! The bytes of one page, of heights or of bounds, and what they decode to.
+
+use super::{
+    directory::HAS_VOIDS,
+    format::Element,
+    layout::{BOUNDS_BYTES, QUAD_DIAMONDS, QUAD_SIDE},
+};
+use crate::{
+    terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, Samples},
+    wedgie::DiamondBounds,
+};
+
+/// Bytes of a page of `size` cells with `flags`; `None` for flags or elements that no page has.
+pub(super) fn page_bytes(element: Element, size: (u32, u32), flags: u32) -> Option<usize> {
+    let cells = (size.0 * size.1) as usize;
+    let voids = if flags == HAS_VOIDS { cells.div_ceil(8) } else { 0 };
+    match (element, flags) {
+        (Element::I16, 0 | HAS_VOIDS) => Some(2 * cells + voids),
+        (Element::I32, 0 | HAS_VOIDS) => Some(4 * cells + voids),
+        (Element::Bounds, 0) => Some(cells * QUAD_DIAMONDS * BOUNDS_BYTES),
+        _ => None,
+    }
+}
+
+/// The index in a [`HeightPage`] of each post of a page of `size` posts, in the order of the file.
+fn posts((w, h): (u32, u32)) -> impl Iterator<Item = usize> {
+    (0..h).flat_map(move |j| (0..w).map(move |i| (j * PAGE_SIDE + i) as usize))
+}
+
+/// The bytes of a page of heights and its flags; `None` when a height does not fit the element.
+pub(super) fn encode_heights(page: &HeightPage, element: Element, size: (u32, u32)) -> Option<(Vec<u8>, u32)> {
+    let mut out = Vec::with_capacity(4 * (size.0 * size.1) as usize);
+    let mut bits = Vec::new();
+    let mut flags = 0;
+    for (n, index) in posts(size).enumerate() {
+        let post = page.at(index as u32 % PAGE_SIDE, index as u32 / PAGE_SIDE);
+        let z = exact_i32(post.z)?;
+        match element {
+            Element::I16 => out.extend_from_slice(&i16::try_from(z).ok()?.to_le_bytes()),
+            _ => out.extend_from_slice(&z.to_le_bytes()),
+        }
+        if n % 8 == 0 {
+            bits.push(0_u8);
+        }
+        if post.void {
+            bits[n / 8] |= 1 << (n % 8);
+            flags = HAS_VOIDS;
+        }
+    }
+    if flags == HAS_VOIDS {
+        out.extend_from_slice(&bits);
+    }
+    Some((out, flags))
+}
+
+/// `z` as an integer, if it is one of 32 bits.
+pub(super) fn exact_i32(z: f64) -> Option<i32> {
+    let n = z as i32;
+    (f64::from(n) == z).then_some(n)
+}
+
+/// The page of heights in `bytes`, which are as many as [`page_bytes`] says.
+pub(super) fn decode_heights(
+    bytes: &[u8],
+    element: Element,
+    size: (u32, u32),
+    flags: u32,
+) -> Result<HeightPage, String> {
+    let cells = (size.0 * size.1) as usize;
+    let width = if element == Element::I16 { 2 } else { 4 };
+    let (values, bits) = bytes.split_at(width * cells);
+    let samples = if element == Element::I16 {
+        let mut samples = vec![0; PAGE_POSTS].into_boxed_slice();
+        for (index, b) in posts(size).zip(values.as_chunks::<2>().0) {
+            samples[index] = i16::from_le_bytes(*b);
+        }
+        Samples::I16(samples)
+    } else {
+        let mut samples = vec![0; PAGE_POSTS].into_boxed_slice();
+        for (index, b) in posts(size).zip(values.as_chunks::<4>().0) {
+            samples[index] = i32::from_le_bytes(*b);
+        }
+        Samples::I32(samples)
+    };
+    let voids = if flags == HAS_VOIDS { Some(decode_voids(bits, cells, size)?) } else { None };
+    Ok(HeightPage::new(samples, voids))
+}
+
+fn decode_voids(bits: &[u8], cells: usize, size: (u32, u32)) -> Result<Box<[u64; PAGE_POSTS / 64]>, String> {
+    let spare = bits.len() * 8 - cells;
+    if bits.iter().all(|&b| b == 0) || bits.last().is_some_and(|b| u32::from(*b) >> (8 - spare) != 0) {
+        return Err("its bitmap of voids is empty or has reserved bits set".into());
+    }
+    let mut voids = Box::new([0; PAGE_POSTS / 64]);
+    for (n, index) in posts(size).enumerate() {
+        voids[index / 64] |= u64::from(bits[n / 8] >> (n % 8) & 1) << (index % 64);
+    }
+    Ok(voids)
+}
+
+/// Bytes that a decoded page of heights keeps in memory, about.
+pub(super) fn heights_weight(page: &HeightPage) -> usize {
+    let width = match page.samples() {
+        Samples::I16(_) => 2,
+        Samples::I32(_) => 4,
+        Samples::F64(_) => 8,
+    };
+    width * PAGE_POSTS + if page.has_voids() { PAGE_POSTS / 8 } else { 0 } + 128
+}
+
+/// The bounds of the diamonds of a page.
+#[derive(Clone, Debug)]
+pub(super) struct BoundsPage {
+    columns: u32,
+    diamonds: Box<[DiamondBounds]>,
+}
+
+impl BoundsPage {
+    /// The bounds of number `n` of the quad at column `u` and row `v` of the page.
+    pub(super) fn at(&self, (u, v): (u32, u32), n: usize) -> DiamondBounds {
+        debug_assert!(u < self.columns && v < QUAD_SIDE);
+        self.diamonds[(v * self.columns + u) as usize * QUAD_DIAMONDS + n]
+    }
+
+    /// Bytes that it keeps in memory, about.
+    pub(super) fn weight(&self) -> usize {
+        self.diamonds.len() * size_of::<DiamondBounds>() + 128
+    }
+}
+
+/// Adds the bytes of one diamond's bounds.
+pub(super) fn encode_bounds(out: &mut Vec<u8>, bounds: DiamondBounds) {
+    for v in [bounds.tight, bounds.nested, bounds.radius_m] {
+        out.extend_from_slice(&v.to_le_bytes());
+    }
+}
+
+/// What is wrong with `bounds`, if anything. Infinite ones are sound: nothing less is sure.
+pub(super) fn check_bounds(bounds: &DiamondBounds) -> Result<(), String> {
+    let DiamondBounds { tight, nested, radius_m } = *bounds;
+    let sane = tight >= 0.0 && nested >= tight && radius_m >= 0.0;
+    if sane { Ok(()) } else { Err(format!("bounds of {tight}, {nested}, {radius_m} make no sense")) }
+}
+
+/// The page of bounds in `bytes`, which are as many as [`page_bytes`] says.
+pub(super) fn decode_bounds(bytes: &[u8], size: (u32, u32)) -> Result<BoundsPage, String> {
+    let (words, _) = bytes.as_chunks::<4>();
+    let (triples, _) = words.as_chunks::<3>();
+    let mut diamonds = Vec::with_capacity(triples.len());
+    for triple in triples {
+        let [tight, nested, radius_m] = triple.map(f32::from_le_bytes);
+        let bounds = DiamondBounds { tight, nested, radius_m };
+        check_bounds(&bounds)?;
+        diamonds.push(bounds);
+    }
+    Ok(BoundsPage { columns: size.0, diamonds: diamonds.into() })
+}

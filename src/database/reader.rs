@@ -1,0 +1,353 @@
+//! An open database: pages by need, through a bounded cache, each checked when it is read.
+
+use std::{fs::File, io, path::Path, sync::Arc};
+
+use sightline_proto::diamond::Post;
+use xxhash_rust::xxh3::xxh3_64;
+
+use super::{
+    cache::Cache,
+    directory::{self, BLOCK_ENTRIES, Entry},
+    envelope,
+    error::OpenError,
+    format::{self, Element, HEADER_BYTES, Kind, SECTION_BYTES, Section},
+    layout::{BoundsPlace, Paging, stored_levels},
+    manifest::{MANIFEST_LIMIT, Manifest, Provenance, TerrainManifest},
+    pages::{self, BoundsPage},
+    source::{FileSource, PageSource},
+};
+use crate::{
+    terrain::{Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, ReadError, SceneScale},
+    wedgie::{DiamondBounds, ErrorBounds, finest_bounds_with},
+};
+
+/// How a database is read.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct OpenOptions {
+    /// Bytes of decoded pages kept in memory.
+    pub cache_bytes: usize,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { cache_bytes: 256 << 20 }
+    }
+}
+
+/// A section as `info` shows it.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SectionInfo {
+    /// What it holds.
+    pub name: String,
+    /// Bytes in the file, directory included.
+    pub bytes: u64,
+    /// Number of pages.
+    pub pages: u64,
+}
+
+/// An open terrain database. Shared by threads; everything that reads it is `&self`.
+pub struct Database {
+    pub(super) source: Box<dyn PageSource>,
+    pub(super) file_bytes: u64,
+    pub(super) sections: Vec<Section>,
+    pub(super) manifest: Manifest,
+    grid: Grid,
+    /// Number of the section of heights, and of the bounds of each stored level, from level 1.
+    pub(super) heights: usize,
+    pub(super) lattices: Vec<usize>,
+    cache: Cache<Cached>,
+}
+
+#[derive(Clone)]
+enum Cached {
+    Heights(Arc<HeightPage>),
+    Bounds(Arc<BoundsPage>),
+    Directory(Arc<[Entry]>),
+}
+
+/// Keys of the cache: the section above, then the number of a page or (with this bit) of a directory block.
+const SECTION_SHIFT: u32 = 52;
+const DIRECTORY_BIT: u64 = 1 << 51;
+
+impl Database {
+    /// Opens the database at `path`: reads its header, table of sections and manifest, and no page.
+    pub fn open(path: &Path, options: OpenOptions) -> Result<Self, OpenError> {
+        let database = Self::open_source(Box::new(FileSource::new(File::open(path)?)), options)?;
+        let found = database.source.length()?;
+        if found == database.file_bytes {
+            return Ok(database);
+        }
+        let where_cut = match database.sections.iter().find(|s| found < s.offset + s.length) {
+            Some(section) => format!("cut within its {}", section.name()),
+            None => "with bytes behind its end".into(),
+        };
+        Err(OpenError::Length { expected: database.file_bytes, found, where_cut })
+    }
+
+    /// Opens what `source` holds, whether or not its length is right.
+    pub(super) fn open_source(source: Box<dyn PageSource>, options: OpenOptions) -> Result<Self, OpenError> {
+        let there = source.length()?;
+        let mut head = vec![0; usize::try_from(there).unwrap_or(HEADER_BYTES).min(HEADER_BYTES)];
+        source.read_exact_at(&mut head, 0)?;
+        let header = format::decode_header(&head)?;
+        let table_bytes = header.sections as usize * SECTION_BYTES;
+        let table = read(&*source, "table of sections", HEADER_BYTES as u64, table_bytes)?;
+        let sections = format::decode_table(&header, &table)?;
+        let manifest = read_manifest(&*source, &sections)?;
+        let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
+            .map_err(|e| OpenError::damaged("manifest", e.to_string()))?;
+        let (heights, lattices) = check_sections(&sections, grid)?;
+        let cache = Cache::new(options.cache_bytes);
+        Ok(Self { source, file_bytes: header.file_bytes, sections, manifest, grid, heights, lattices, cache })
+    }
+
+    /// The extent of the grid.
+    pub fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// The constants of the scene frame.
+    pub fn scale(&self) -> SceneScale {
+        self.manifest.terrain.scale
+    }
+
+    /// Where the grid lies on Earth, if its source said so.
+    pub fn georeference(&self) -> Option<Georeference> {
+        self.manifest.terrain.georeference
+    }
+
+    /// The terrain version: a hash of heights, voids, bounds, scale and place.
+    pub fn version(&self) -> [u8; 16] {
+        self.manifest.version
+    }
+
+    /// Least and greatest height of the posts that are not void, in height units.
+    pub fn height_range(&self) -> (i32, i32) {
+        (self.manifest.terrain.lowest, self.manifest.terrain.highest)
+    }
+
+    /// Number of posts without data.
+    pub fn void_posts(&self) -> u64 {
+        self.manifest.terrain.void_posts
+    }
+
+    /// What is stated of the terrain as a whole.
+    pub fn terrain(&self) -> &TerrainManifest {
+        &self.manifest.terrain
+    }
+
+    /// Where the terrain came from.
+    pub fn provenance(&self) -> &Provenance {
+        &self.manifest.provenance
+    }
+
+    /// Bytes of the file.
+    pub fn file_bytes(&self) -> u64 {
+        self.file_bytes
+    }
+
+    /// The sections in the order of the file.
+    pub fn sections(&self) -> Vec<SectionInfo> {
+        let info = |s: &Section| SectionInfo { name: s.name(), bytes: s.length, pages: s.pages };
+        self.sections.iter().map(info).collect()
+    }
+
+    /// The stored bounds of the diamond at `p`: zero beyond its lattice; `None` for posts with an odd coordinate,
+    /// whose bounds follow from a few heights.
+    pub fn stored_bounds(&self, p: Post) -> Result<Option<DiamondBounds>, ReadError> {
+        if (p.i | p.j) % 2 == 1 {
+            return Ok(None);
+        }
+        let Some((number, place)) = BoundsPlace::of(p).and_then(|place| {
+            let number = *self.lattices.get(place.level as usize - 1)?;
+            let s = &self.sections[number];
+            (place.at.0 < s.columns && place.at.1 < s.rows).then_some((number, place))
+        }) else {
+            return Ok(Some(DiamondBounds::default()));
+        };
+        let (id, quad, n) = place.in_page();
+        Ok(Some(self.bounds_page(number, id)?.at(quad, n)))
+    }
+
+    fn bounds_page(&self, section: usize, id: PageId) -> Result<Arc<BoundsPage>, ReadError> {
+        let paging = Paging::of_lattice(self.sections[section].columns, self.sections[section].rows);
+        let n = paging.number(id);
+        let key = (section as u64) << SECTION_SHIFT | n;
+        if let Some(Cached::Bounds(page)) = self.cache.get(key) {
+            return Ok(page);
+        }
+        let (bytes, _) = self.page_bytes(section, &paging, n)?;
+        let page = pages::decode_bounds(&bytes, paging.size(id)).map_err(|e| self.damaged(section, id, e))?;
+        let page = Arc::new(page);
+        self.cache.insert(key, Cached::Bounds(Arc::clone(&page)), page.weight());
+        Ok(page)
+    }
+
+    /// The checked bytes of page `n` of a section, and its directory entry.
+    pub(super) fn page_bytes(&self, section: usize, paging: &Paging, n: u64) -> Result<(Vec<u8>, Entry), ReadError> {
+        let entry = self.directory_block(section, n / BLOCK_ENTRIES)?[(n % BLOCK_ENTRIES) as usize];
+        let id = paging.id(n);
+        let s = &self.sections[section];
+        let length = entry.length as usize;
+        let end = entry.offset.checked_add(u64::from(entry.length));
+        if entry.offset < s.offset || end.is_none_or(|end| end > s.offset + s.length) {
+            return Err(self.damaged(section, id, "its directory entry points outside the section"));
+        }
+        if pages::page_bytes(s.element, paging.size(id), entry.flags) != Some(length) {
+            return Err(self.damaged(section, id, "its directory entry states another length than the page has"));
+        }
+        let what = page_name(s, id);
+        let bytes = read(&*self.source, &what, entry.offset, length)?;
+        if xxh3_64(&bytes) != entry.checksum {
+            return Err(self.damaged(section, id, "its checksum does not fit its bytes"));
+        }
+        Ok((bytes, entry))
+    }
+
+    /// Block `n` of the directory of a section.
+    pub(super) fn directory_block(&self, section: usize, n: u64) -> Result<Arc<[Entry]>, ReadError> {
+        let key = (section as u64) << SECTION_SHIFT | DIRECTORY_BIT | n;
+        if let Some(Cached::Directory(block)) = self.cache.get(key) {
+            return Ok(block);
+        }
+        let s = &self.sections[section];
+        let (at, length) = directory::block_span(s.pages, n);
+        let what = format!("block {n} of the directory of {}", s.name());
+        let bytes = read(&*self.source, &what, s.offset + at, length)?;
+        let Some(block) = directory::decode_block(n, &bytes) else {
+            return Err(ReadError::Damaged { what, detail: "its checksum does not fit its bytes".into() });
+        };
+        let block: Arc<[Entry]> = block.into();
+        self.cache.insert(key, Cached::Directory(Arc::clone(&block)), length);
+        Ok(block)
+    }
+
+    pub(super) fn damaged(&self, section: usize, id: PageId, detail: impl Into<String>) -> ReadError {
+        ReadError::Damaged { what: page_name(&self.sections[section], id), detail: detail.into() }
+    }
+}
+
+impl HeightField for Database {
+    fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
+        let paging = Paging::of_heights(self.grid.nx(), self.grid.ny());
+        let n = paging.number(id);
+        let key = (self.heights as u64) << SECTION_SHIFT | n;
+        if let Some(Cached::Heights(page)) = self.cache.get(key) {
+            return Ok(page);
+        }
+        let (bytes, entry) = self.page_bytes(self.heights, &paging, n)?;
+        let element = self.sections[self.heights].element;
+        let page = pages::decode_heights(&bytes, element, paging.size(id), entry.flags)
+            .map_err(|e| self.damaged(self.heights, id, e))?;
+        let page = Arc::new(page);
+        self.cache.insert(key, Cached::Heights(Arc::clone(&page)), pages::heights_weight(&page));
+        Ok(page)
+    }
+}
+
+impl ErrorBounds for Database {
+    fn bounds(&self, p: Post) -> Result<DiamondBounds, ReadError> {
+        if let Some(bounds) = self.stored_bounds(p)? {
+            return Ok(bounds);
+        }
+        let mut held: Option<(PageId, Arc<HeightPage>)> = None;
+        finest_bounds_with(self.grid, self.scale(), p, |q| {
+            let id = PageId::of(q);
+            let page = match held.take() {
+                Some((at, page)) if at == id => page,
+                _ => self.page(id)?,
+            };
+            let z = page.at(q.i % PAGE_SIDE, q.j % PAGE_SIDE).z;
+            held = Some((id, page));
+            Ok(z)
+        })
+    }
+}
+
+impl std::fmt::Debug for Database {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Database").field("manifest", &self.manifest).finish_non_exhaustive()
+    }
+}
+
+fn page_name(section: &Section, id: PageId) -> String {
+    format!("page ({}, {}) of {}", id.pi, id.pj, section.name())
+}
+
+/// Reads `length` bytes, which the caller has bounded by a constant or by the length of the file.
+fn read(source: &dyn PageSource, what: &str, offset: u64, length: usize) -> Result<Vec<u8>, ReadError> {
+    let mut bytes = vec![0; length];
+    match source.read_exact_at(&mut bytes, offset) {
+        Ok(()) => Ok(bytes),
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
+            Err(ReadError::Damaged { what: what.into(), detail: "the file ends before it does".into() })
+        }
+        Err(error) => Err(ReadError::Io { what: what.into(), detail: error.to_string() }),
+    }
+}
+
+impl From<ReadError> for OpenError {
+    fn from(error: ReadError) -> Self {
+        match error {
+            ReadError::Damaged { what, detail } => Self::damaged("front", format!("{what}: {detail}")),
+            ReadError::Io { .. } => Self::Io(io::Error::other(error.to_string())),
+        }
+    }
+}
+
+fn read_manifest(source: &dyn PageSource, sections: &[Section]) -> Result<Manifest, OpenError> {
+    let section = match sections.first() {
+        Some(s) if s.kind == Kind::Manifest => s,
+        _ => return Err(OpenError::damaged("table of sections", "the first section is not the manifest")),
+    };
+    let length = usize::try_from(section.length).unwrap_or(usize::MAX);
+    if length > MANIFEST_LIMIT {
+        return Err(OpenError::damaged("manifest", format!("it is longer than {MANIFEST_LIMIT} bytes")));
+    }
+    let bytes = read(source, "manifest", section.offset, length)?;
+    envelope::open::<Manifest, MANIFEST_LIMIT>(&bytes).map_err(|e| match e {
+        envelope::EnvelopeError::Version { .. } => OpenError::Unsupported(format!("a newer manifest ({e})")),
+        e => OpenError::damaged("manifest", e.to_string()),
+    })
+}
+
+/// Checks the sections against the grid; the numbers of the heights and of each level of bounds.
+fn check_sections(sections: &[Section], grid: Grid) -> Result<(usize, Vec<usize>), OpenError> {
+    let damaged = |detail: String| OpenError::damaged("table of sections", detail);
+    let mut heights = Vec::new();
+    let mut lattices = Vec::new();
+    for (number, section) in sections.iter().enumerate().skip(1) {
+        let side = grid.root().side();
+        let fits = match (section.kind, section.element) {
+            (Kind::Heights, Element::I16 | Element::I32) => {
+                heights.push(number);
+                section.level == 0 && (section.columns, section.rows) == (grid.nx(), grid.ny())
+            }
+            (Kind::Bounds, Element::Bounds) => {
+                lattices.push(number);
+                let most = side.checked_shr(section.level).map_or(0, |n| n + 1);
+                section.level as usize == lattices.len() && section.columns <= most && section.rows <= most
+            }
+            (Kind::Other(_), _) => continue,
+            _ => false,
+        };
+        let pages = Paging::of_section(section).map_or(0, |paging| paging.pages());
+        let directory = directory::bytes(pages).filter(|&bytes| bytes <= section.length);
+        if !fits || section.pages != pages || directory.is_none() {
+            return Err(damaged(format!("the entry of {} does not fit the grid", section.name())));
+        }
+    }
+    let levels = stored_levels(grid.root().exponent()).len();
+    match heights[..] {
+        [heights] if lattices.len() == levels => Ok((heights, lattices)),
+        _ => Err(damaged(format!(
+            "{} sections of heights and {} of bounds, where 1 and {levels} are needed",
+            heights.len(),
+            lattices.len()
+        ))),
+    }
+}

@@ -1,0 +1,134 @@
+//! Properties of whole databases: what was written is read, and damage never goes by.
+
+use std::path::Path;
+
+use sightline_proto::diamond::Post;
+
+use super::*;
+use crate::{
+    terrain::{Grid, HeightField, MemoryField, Posts, ReadError, SceneScale, synthetic},
+    wedgie::{BoundsPyramid, DiamondBounds, ErrorBounds, MemoryTerrain},
+};
+
+pub(super) const SCALE: SceneScale = SceneScale { east_m: 80.0, north_m: 92.5, up_m: 1.0 };
+
+pub(super) fn description() -> Description {
+    Description { scale: SCALE, georeference: None, provenance: Provenance::default() }
+}
+
+/// Rough terrain of `nx` by `ny` posts times `factor`, a tenth of it void if `voids`.
+pub(super) fn terrain(nx: u32, ny: u32, seed: u64, factor: i32, voids: bool) -> MemoryField {
+    MemoryField::from_fn(nx, ny, |i, j| {
+        let void = voids && synthetic::mix(u64::from(i / 3) << 32 | u64::from(j / 2) ^ seed).is_multiple_of(10);
+        (!void).then(|| f64::from(synthetic::fractal_height(i, j, seed, 900) * factor))
+    })
+    .unwrap()
+}
+
+pub(super) fn write_to(path: &Path, field: &MemoryField) -> Written {
+    let bounds = BoundsPyramid::compute(field, SCALE).unwrap();
+    write(path, false, field, &bounds, &description(), &mut |_| ()).unwrap()
+}
+
+/// Height and void of every post of the grid, and the bounds of every diamond.
+type Everything = (Vec<(f64, bool)>, Vec<DiamondBounds>);
+
+/// All drawn posts and bounds, or the first error.
+fn everything<T: HeightField + ErrorBounds>(t: &T) -> Result<Everything, ReadError> {
+    let (grid, root) = (t.grid(), t.grid().root());
+    let mut posts = Posts::new(t);
+    let all = |nx: u32, ny: u32| (0..ny).flat_map(move |j| (0..nx).map(move |i| Post::new(i, j)));
+    let heights = all(grid.nx(), grid.ny()).map(|p| posts.at(p).map(|post| (post.z, post.void)));
+    let heights = heights.collect::<Result<_, _>>()?;
+    let diamonds = all(root.side() + 1, root.side() + 1).filter(|&p| !root.is_corner(p));
+    Ok((heights, diamonds.map(|p| t.bounds(p)).collect::<Result<_, _>>()?))
+}
+
+#[test]
+fn what_is_written_is_read_with_all_bounds() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = [
+        (2, 2, 1, false),
+        (3, 2, 1, false),
+        (2, 70, 1, true),
+        (65, 65, 1, false),
+        (64, 129, 1, true),
+        (200, 131, 100, true),
+        (257, 90, -70_000, true),
+    ];
+    for (n, (nx, ny, factor, voids)) in cases.into_iter().enumerate() {
+        let field = terrain(nx, ny, n as u64, factor, voids);
+        let path = folder.path().join(format!("{n}.sldb"));
+        let written = write_to(&path, &field);
+        // A cache of no size reads every page anew, and gives the same.
+        for cache_bytes in [0, 200_000, 256 << 20] {
+            let database = Database::open(&path, OpenOptions { cache_bytes }).unwrap();
+            assert_eq!(Database::grid(&database), Grid::new(nx, ny).unwrap());
+            assert_eq!((database.version(), database.scale()), (written.version, SCALE));
+            assert_eq!(database.file_bytes(), std::fs::metadata(&path).unwrap().len());
+            let memory = MemoryTerrain::new(field.clone(), SCALE).unwrap();
+            let (heights, bounds) = everything(&database).unwrap();
+            let (expected_heights, expected_bounds) = everything(&memory).unwrap();
+            assert_eq!(heights, expected_heights, "{nx} x {ny}");
+            assert_eq!(bounds, expected_bounds, "{nx} x {ny}");
+            let known = heights.iter().filter(|h| !h.1).map(|h| h.0 as i32);
+            let range = (known.clone().min().unwrap(), known.max().unwrap());
+            assert_eq!(database.height_range(), range);
+            assert_eq!(database.void_posts(), heights.iter().filter(|h| h.1).count() as u64);
+            if nx * ny > 1000 || cache_bytes == 200_000 {
+                break;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_version_is_of_the_content() {
+    let folder = tempfile::tempdir().unwrap();
+    let field = terrain(70, 66, 5, 1, false);
+    let version = |name: &str, field: &MemoryField, description: &Description| {
+        let bounds = BoundsPyramid::compute(field, description.scale).unwrap();
+        write(&folder.path().join(name), false, field, &bounds, description, &mut |_| ()).unwrap().version
+    };
+    let first = version("a", &field, &description());
+    let provenance = Provenance { sources: vec!["elsewhere".into()], ..Provenance::default() };
+    assert_eq!(version("b", &field, &Description { provenance, ..description() }), first);
+    let scale = SceneScale { up_m: 0.5, ..SCALE };
+    assert_ne!(version("c", &field, &Description { scale, ..description() }), first);
+    let raised = MemoryField::from_fn(70, 66, |i, j| {
+        Some(f64::from(synthetic::fractal_height(i, j, 5, 900) + i32::from((i, j) == (69, 65))))
+    });
+    assert_ne!(version("d", &raised.unwrap(), &description()), first);
+}
+
+#[test]
+fn existing_output_is_kept_unless_replacing_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let (first, second) = (terrain(9, 9, 1, 1, false), terrain(9, 9, 2, 1, false));
+    let old = write_to(&path, &first);
+    let bounds = BoundsPyramid::compute(&second, SCALE).unwrap();
+    let again = |replace| write(&path, replace, &second, &bounds, &description(), &mut |_| ());
+    assert!(matches!(again(false), Err(WriteError::Exists(_))));
+    assert_eq!(Database::open(&path, OpenOptions::default()).unwrap().version(), old.version);
+    let new = again(true).unwrap();
+    assert_eq!(Database::open(&path, OpenOptions::default()).unwrap().version(), new.version);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside it");
+}
+
+#[test]
+fn heights_that_a_database_cannot_hold_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let attempt = |field: MemoryField| {
+        let bounds = BoundsPyramid::compute(&field, SCALE).unwrap();
+        write(&path, false, &field, &bounds, &description(), &mut |_| ()).unwrap_err()
+    };
+    for z in [0.5, 3e9, -2_147_483_649.0] {
+        let field = MemoryField::from_fn(5, 4, |i, j| Some(if (i, j) == (3, 2) { z } else { 1.0 })).unwrap();
+        assert!(matches!(attempt(field), WriteError::Height { i: 3, j: 2, .. }), "{z}");
+    }
+    let nothing = MemoryField::from_fn(5, 4, |_, _| None).unwrap();
+    assert!(matches!(attempt(nothing), WriteError::AllVoid { posts: 20 }));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
