@@ -140,11 +140,11 @@ enum Ground {
 }
 
 impl Plan {
-    /// A preset over a terrain of `extent_m` metres east and north, `frames` viewpoints at `rate_hz`; the seed picks
-    /// where it starts and where it heads.
+    /// A preset over the plan rectangle `area_m` (south-west and north-east corner in metres), `frames` viewpoints at
+    /// `rate_hz`; the seed picks where it starts and where it heads.
     pub fn preset(
         preset: Preset,
-        extent_m: [f64; 2],
+        area_m: [[f64; 2]; 2],
         frames: usize,
         rate_hz: f64,
         seed: u64,
@@ -153,8 +153,7 @@ impl Plan {
             return Err(FlightError::TooLong(frames));
         }
         let mut dice = Dice { state: mix(seed) };
-        let path =
-            Path { extent_m, frames, step_s: 1.0 / rate_hz, heading: dice.heading(), start: dice.place(extent_m) };
+        let path = Path { area_m, frames, step_s: 1.0 / rate_hz, heading: dice.heading(), start: dice.place(area_m) };
         let ground = if preset == Preset::Teleport { Ground::EachFrame } else { Ground::Smoothed };
         let (eyes, looks) = match preset {
             Preset::Straight => path.ahead(FAST_M_S, 150.0, 3_000.0, |_| 0.0),
@@ -293,7 +292,7 @@ fn quaternion([x, y, z]: [DVec3; 3]) -> [f64; 4] {
 
 /// What all presets share.
 struct Path {
-    extent_m: [f64; 2],
+    area_m: [[f64; 2]; 2],
     frames: usize,
     step_s: f64,
     /// Unit vector in plan.
@@ -325,7 +324,8 @@ impl Path {
                 heading = rotate(heading, turn(k as f64 * self.step_s) * self.step_s);
                 for axis in 0..2 {
                     at[axis] += heading[axis] * speed_m_s * self.step_s;
-                    let (low, high) = (0.05 * self.extent_m[axis], 0.95 * self.extent_m[axis]);
+                    let side = self.area_m[1][axis] - self.area_m[0][axis];
+                    let (low, high) = (self.area_m[0][axis] + 0.05 * side, self.area_m[1][axis] - 0.05 * side);
                     if (at[axis] < low && heading[axis] < 0.0) || (at[axis] > high && heading[axis] > 0.0) {
                         heading[axis] = -heading[axis];
                     }
@@ -337,7 +337,8 @@ impl Path {
 
     /// Flies around the start, on a circle that fits the terrain.
     fn orbit(&self, radius_m: f64, above_m: f64) -> (Vec<Waypoint>, Vec<Waypoint>) {
-        let radius_m = radius_m.min(0.2 * self.extent_m[0].min(self.extent_m[1]));
+        let [low, high] = self.area_m;
+        let radius_m = radius_m.min(0.2 * (high[0] - low[0]).min(high[1] - low[1]));
         let angle = SLOW_M_S * self.step_s / radius_m;
         let mut out = self.heading;
         (0..self.frames)
@@ -356,7 +357,7 @@ impl Path {
     fn teleport(&self, dice: &mut Dice, stay: usize) -> (Vec<Waypoint>, Vec<Waypoint>) {
         let (mut eyes, mut looks) = (Vec::new(), Vec::new());
         while eyes.len() < self.frames {
-            let (at, heading) = (dice.place(self.extent_m), dice.heading());
+            let (at, heading) = (dice.place(self.area_m), dice.heading());
             let eye = Waypoint { x_m: at[0], y_m: at[1], z_m: 60.0 };
             let look = Waypoint { x_m: at[0] + 2_000.0 * heading[0], y_m: at[1] + 2_000.0 * heading[1], z_m: 10.0 };
             for _ in 0..stay.min(self.frames - eyes.len()) {
@@ -400,9 +401,9 @@ impl Dice {
         }
     }
 
-    /// A place in the middle six tenths of the terrain.
-    fn place(&mut self, extent_m: [f64; 2]) -> [f64; 2] {
-        extent_m.map(|side| (0.2 + 0.6 * self.fraction()) * side)
+    /// A place in the middle six tenths of a rectangle.
+    fn place(&mut self, [low, high]: [[f64; 2]; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| low[axis] + (0.2 + 0.6 * self.fraction()) * (high[axis] - low[axis]))
     }
 }
 
@@ -443,7 +444,7 @@ mod tests {
     }
 
     fn fly(preset: Preset, seed: u64) -> Vec<Viewpoint> {
-        let plan = Plan::preset(preset, [40_000.0, 30_000.0], 300, 30.0, seed).unwrap();
+        let plan = Plan::preset(preset, [[0.0; 2], [40_000.0, 30_000.0]], 300, 30.0, seed).unwrap();
         let ground: Vec<f64> = plan.ground_points().iter().map(|p| 100.0 + 0.1 * p[0] - 0.05 * p[1]).collect();
         plan.fly(&ground).unwrap()
     }
@@ -498,8 +499,8 @@ mod tests {
 
     #[test]
     fn heights_for_other_points_are_refused() {
-        let plan = Plan::preset(Preset::Orbit, [1e4, 1e4], 10, 30.0, 1).unwrap();
+        let plan = Plan::preset(Preset::Orbit, [[0.0; 2], [1e4; 2]], 10, 30.0, 1).unwrap();
         assert_eq!(plan.fly(&[0.0; 19]), Err(FlightError::GroundCount { got: 19, wanted: 20 }));
-        assert!(Plan::preset(Preset::Orbit, [1e4, 1e4], MAX_FRAMES + 1, 30.0, 1).is_err());
+        assert!(Plan::preset(Preset::Orbit, [[0.0; 2], [1e4; 2]], MAX_FRAMES + 1, 30.0, 1).is_err());
     }
 }

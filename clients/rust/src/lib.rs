@@ -1,3 +1,4 @@
 //! Rust client of a Sightline server.
 
 pub mod raster;
+pub mod scene;
