@@ -1,6 +1,6 @@
 //! Why an elevation file could not be read: what is wrong, where, and what to do.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
@@ -87,4 +87,21 @@ pub enum DemError {
         /// Which, and why.
         detail: String,
     },
+}
+
+impl DemError {
+    /// A failure of the operating system on `path`.
+    pub(super) fn io(path: &Path, error: &std::io::Error) -> Self {
+        Self::Io { path: path.to_owned(), detail: error.to_string() }
+    }
+
+    /// Content of `path` that breaks the rules of `format`.
+    pub(super) fn malformed(path: &Path, format: &'static str, detail: impl Into<String>) -> Self {
+        Self::Malformed { path: path.to_owned(), format, detail: detail.into() }
+    }
+
+    /// Content of `path` that this reader does not do.
+    pub(super) fn refused(path: &Path, detail: impl Into<String>) -> Self {
+        Self::Refused { path: path.to_owned(), detail: detail.into() }
+    }
 }

@@ -48,6 +48,16 @@ pub struct RasterInfo {
     pub notes: Vec<String>,
 }
 
+impl RasterInfo {
+    /// Checks that `out` is a whole number of rows from `j0` within the raster.
+    pub(super) fn assert_rows(&self, j0: u32, out: &[f64]) {
+        let nx = self.nx as usize;
+        assert!(out.len().is_multiple_of(nx), "{} heights are not whole rows of {nx}", out.len());
+        let rows = out.len() / nx;
+        assert!(j0 as usize + rows <= self.ny as usize, "rows {j0} + {rows} of {}", self.ny);
+    }
+}
+
 /// What the overlaps of a mosaic's tiles showed, over the rows read so far.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct SeamReport {

@@ -1,0 +1,174 @@
+//! Real elevation files of the folder that `SIGHTLINE_DEM` names. Without it these tests are ignored.
+
+use std::path::{Path, PathBuf};
+
+use sightline::dem::{self, DemError, OpenOptions, Raster, SeamReport};
+
+fn folder() -> PathBuf {
+    PathBuf::from(std::env::var_os("SIGHTLINE_DEM").expect("SIGHTLINE_DEM names the folder of elevation files"))
+}
+
+fn open(path: &Path) -> Result<Box<dyn Raster>, DemError> {
+    dem::open(&[path.to_owned()], &OpenOptions::default(), &mut |_| ())
+}
+
+/// All heights, south row first.
+fn read(raster: &mut dyn Raster) -> Result<Vec<f64>, DemError> {
+    let (nx, ny) = (raster.info().nx as usize, raster.info().ny);
+    let mut heights = vec![0.0; nx * ny as usize];
+    for (j, row) in (0..ny).zip(heights.chunks_exact_mut(nx)) {
+        raster.read_rows(j, row)?;
+    }
+    Ok(heights)
+}
+
+struct Summary {
+    size: (u32, u32),
+    least: f64,
+    most: f64,
+    voids: usize,
+    seams: Option<SeamReport>,
+}
+
+fn summary(paths: &[PathBuf]) -> Result<Summary, DemError> {
+    let mut raster = dem::open(paths, &OpenOptions::default(), &mut |_| ())?;
+    let heights = read(&mut *raster)?;
+    let known = heights.iter().filter(|h| !h.is_nan());
+    let info = raster.info();
+    println!("{}: {} x {}, {:?}, unit {}", paths[0].display(), info.nx, info.ny, info.georeference, info.unit_m);
+    println!("    {}: {}", info.format, info.notes.join("; "));
+    let (least, most) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(*h), b.max(*h)));
+    let voids = heights.iter().filter(|h| h.is_nan()).count();
+    println!("    {least}..{most} m, {voids} void");
+    Ok(Summary { size: (info.nx, info.ny), least, most, voids, seams: raster.seams() })
+}
+
+/// Rows and columns of the tile, counted from the north-west, that the derived files show.
+const CROP_NORTH: usize = 200;
+const CROP_WEST: usize = 500;
+const CROP_SIDE: usize = 513;
+
+#[test]
+#[ignore = "needs SIGHTLINE_DEM"]
+fn derived_files_hold_the_heights_of_the_crop_they_were_made_from() {
+    let folder = folder();
+    let tile = read(&mut *open(&folder.join("hgt/N44W072.hgt")).unwrap()).unwrap();
+    let crop = |i: usize, j: usize| {
+        let from_north = CROP_NORTH + CROP_SIDE - 1 - j;
+        tile[(1200 - from_north) * 1201 + CROP_WEST + i]
+    };
+    let cases = [
+        ("esri_ascii.asc", 300, 0.0),
+        ("f32_lerc.tif", 0, 0.0),
+        ("f32_nan_nodata_deflate.tif", 300, 0.0),
+        ("f32_tiled128_lzw_pred3.tif", 300, 0.25),
+        ("f64_strip_packbits.tif", 300, 0.0),
+        ("i16_cog_deflate.tif", 300, 0.0),
+        ("i16_multi_row_strips_7.tif", 300, 0.0),
+        ("i16_pixel_is_point.tif", 300, 0.0),
+        ("i16_strip_none_be.tif", 300, 0.0),
+        ("i16_strip_none_le.tif", 300, 0.0),
+        ("i16_tiled256_deflate_pred2.tif", 300, 0.0),
+        ("i32_bigtiff_zstd.tif", 300, 0.0),
+        ("u16_strip_lzw.tif", 0, 0.0),
+    ];
+    for (name, voids, higher) in cases {
+        let mut raster = open(&folder.join("derived").join(name)).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let heights = read(&mut *raster).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let info = raster.info();
+        println!("{name}: {} x {}, {}, {:?}", info.nx, info.ny, info.format, info.georeference);
+        println!("    unit {}: {}", info.unit_m, info.notes.join("; "));
+        assert_eq!((info.nx, info.ny), (513, 513), "{name}");
+        assert!(info.georeference.geographic && info.georeference.epsg == Some(4326), "{name}");
+        let [west, south] = info.georeference.origin;
+        let expected = [-72.0 + 500.0 / 1200.0, 45.0 - 712.0 / 1200.0];
+        assert!((west - expected[0]).abs() < 1e-6 && (south - expected[1]).abs() < 1e-6, "{name}: {west} {south}");
+        assert!(info.georeference.step.iter().all(|s| (s - 1.0 / 1200.0).abs() < 1e-9), "{name}");
+        for (n, height) in heights.iter().enumerate() {
+            let (i, j) = (n % CROP_SIDE, n / CROP_SIDE);
+            let north = CROP_SIDE - 1 - j;
+            let void = voids > 0 && (100..110).contains(&north) && (200..230).contains(&i);
+            assert_eq!(height.is_nan(), void, "{name}: post ({i}, {j})");
+            assert!(void || *height == crop(i, j) + higher, "{name}: post ({i}, {j}) is {height}, not {}", crop(i, j));
+        }
+    }
+    let utm = summary(&[folder.join("derived/f32_utm19_nodata-9999.tif")]).unwrap();
+    assert_eq!((utm.size, utm.voids), ((439, 602), 15_319));
+}
+
+#[test]
+#[ignore = "needs SIGHTLINE_DEM"]
+fn what_cannot_be_read_is_refused_with_words() {
+    let derived = folder().join("derived");
+    let refused = |name: &str| match open(&derived.join(name)).and_then(|mut r| read(&mut *r)) {
+        Ok(_) => panic!("{name} was read"),
+        Err(e) => {
+            println!("{e}");
+            e
+        }
+    };
+    assert!(matches!(refused("N44W072_lfs_pointer.hgt"), DemError::PointerFile { .. }));
+    for name in ["N44W072_truncated.hgt", "truncated.asc", "truncated.tif"] {
+        assert!(matches!(refused(name), DemError::Malformed { .. }), "{name}");
+    }
+    for name in ["gray16_metres.png", "mapbox_terrain-rgb.png", "terrarium.png"] {
+        assert!(matches!(refused(name), DemError::Unsupported { .. }), "{name}");
+    }
+    for name in ["../other/SainteHelens.dem", "../other/gabilan.bil", "../dted/w114_n32.dt1", "../README.md"] {
+        assert!(matches!(refused(name), DemError::Unsupported { .. }), "{name}");
+    }
+    assert!(matches!(open(&derived), Err(DemError::Directory { .. })));
+}
+
+#[test]
+#[ignore = "needs SIGHTLINE_DEM"]
+fn files_of_the_wild_hold_what_their_table_says() {
+    let folder = folder();
+    let cases = [
+        ("geotiff/bigtujunga.tif", (1197, 643), 315.0, 2295.0, 0),
+        ("geotiff/davos_srtm1_2160.tif", (2160, 2160), 556.0, 3373.0, 0),
+        ("geotiff/dom1_32_356_5699_1_nw_2020.tif", (1000, 1000), 87.29, 167.74, 0),
+        ("geotiff/elev.tif", (512, 512), 0.44, 114.92, 0),
+        ("geotiff/los_angeles_dem_geoid.tif", (361, 361), 41.06, 421.76, 0),
+        ("geotiff/mars_gale_hirise_1m.tif", (348, 337), -4472.67, -4437.88, 0),
+        ("geotiff/mt_rainier_90m.tif", (1201, 1201), 263.0, 4371.0, 9033),
+        ("geotiff/palouse_hires.tif", (194, 222), 785.8, 817.58, 0),
+        ("geotiff/portland-ned.tif", (864, 648), 0.0, 328.11, 0),
+        ("hgt/N15W024.hgt.zip", (3601, 3601), -18.0, 1361.0, 0),
+        ("hgt/N32E076.HGT", (1201, 1201), 397.0, 6416.0, 0),
+        ("hgt/N42E001.hgt.zip", (1201, 1201), 349.0, 3100.0, 7652),
+        ("hgt/N43E006.hgt", (1201, 1201), -12.0, 1923.0, 0),
+        ("hgt/N43E007.hgt", (1201, 1201), -16.0, 2060.0, 4),
+        ("hgt/N48W125.hgt.zip", (3601, 3601), -13.0, 1095.0, 6_483_876),
+        ("other/avaHit.asc", (526, 446), 1455.17, 2604.46, 74_209),
+    ];
+    for (name, size, least, most, voids) in cases {
+        let found = summary(&[folder.join(name)]).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!((found.size, found.voids), (size, voids), "{name}");
+        assert!((found.least - least).abs() < 0.006 && (found.most - most).abs() < 0.006, "{name}");
+    }
+}
+
+#[test]
+#[ignore = "needs SIGHTLINE_DEM"]
+fn adjoining_tiles_are_one_mosaic_and_their_disagreements_are_counted() {
+    let folder = folder();
+    let mut tiles: Vec<_> = (36..40)
+        .flat_map(|lat| (118..122).map(move |lon| format!("california/N{lat}W{lon}.hgt.zip")))
+        .map(|name| folder.join(name))
+        .collect();
+    tiles.reverse();
+    let found = summary(&tiles).unwrap();
+    let seams = found.seams.unwrap();
+    println!("    {seams:?}");
+    assert_eq!((found.size, found.voids), ((4801, 4801), 0));
+    assert_eq!((seams.tiles, seams.missing_tiles, seams.filled_posts), (16, 0, 0));
+    assert_eq!((seams.compared_posts, seams.differing_posts), (6 * 4801 - 9, 2655));
+    assert_eq!(seams.largest_difference_m, 1.0);
+
+    let nice = summary(&[folder.join("hgt/N43E007.hgt"), folder.join("hgt/N43E006.hgt")]).unwrap();
+    println!("    {:?}", nice.seams);
+    assert_eq!(nice.size, (2401, 1201));
+    let apart = summary(&[folder.join("hgt/N43E007.hgt"), folder.join("hgt/N44W072.hgt")]);
+    assert!(matches!(apart, Err(DemError::Mosaic { .. })));
+}
