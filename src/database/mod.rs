@@ -7,6 +7,8 @@
 
 mod cache;
 mod curve;
+#[cfg(test)]
+mod damage_tests;
 mod directory;
 pub mod envelope;
 mod error;
@@ -18,9 +20,11 @@ mod reader;
 mod source;
 #[cfg(test)]
 mod tests;
+mod verify;
 mod writer;
 
 pub use error::{OpenError, WriteError};
 pub use manifest::{Provenance, TerrainManifest};
 pub use reader::{Database, OpenOptions, SectionInfo};
+pub use verify::{Verification, verify};
 pub use writer::{Description, Written, write};

@@ -72,16 +72,27 @@ const DIRECTORY_BIT: u64 = 1 << 51;
 impl Database {
     /// Opens the database at `path`: reads its header, table of sections and manifest, and no page.
     pub fn open(path: &Path, options: OpenOptions) -> Result<Self, OpenError> {
-        let database = Self::open_source(Box::new(FileSource::new(File::open(path)?)), options)?;
-        let found = database.source.length()?;
-        if found == database.file_bytes {
-            return Ok(database);
+        Self::open_whole(Box::new(FileSource::new(File::open(path)?)), options)
+    }
+
+    /// Opens what `source` holds if it is all there.
+    pub(super) fn open_whole(source: Box<dyn PageSource>, options: OpenOptions) -> Result<Self, OpenError> {
+        let database = Self::open_source(source, options)?;
+        database.check_length()?;
+        Ok(database)
+    }
+
+    /// Whether the file is as long as it says.
+    pub(super) fn check_length(&self) -> Result<(), OpenError> {
+        let found = self.source.length()?;
+        if found == self.file_bytes {
+            return Ok(());
         }
-        let where_cut = match database.sections.iter().find(|s| found < s.offset + s.length) {
+        let where_cut = match self.sections.iter().find(|s| found < s.offset + s.length) {
             Some(section) => format!("cut within its {}", section.name()),
             None => "with bytes behind its end".into(),
         };
-        Err(OpenError::Length { expected: database.file_bytes, found, where_cut })
+        Err(OpenError::Length { expected: self.file_bytes, found, where_cut })
     }
 
     /// Opens what `source` holds, whether or not its length is right.
@@ -304,6 +315,10 @@ fn read_manifest(source: &dyn PageSource, sections: &[Section]) -> Result<Manife
         Some(s) if s.kind == Kind::Manifest => s,
         _ => return Err(OpenError::damaged("table of sections", "the first section is not the manifest")),
     };
+    let unused = [section.element.number(), section.level, section.columns, section.rows];
+    if unused != [0; 4] || section.pages != 0 {
+        return Err(OpenError::damaged("table of sections", "a reserved field is not zero"));
+    }
     let length = usize::try_from(section.length).unwrap_or(usize::MAX);
     if length > MANIFEST_LIMIT {
         return Err(OpenError::damaged("manifest", format!("it is longer than {MANIFEST_LIMIT} bytes")));

@@ -16,7 +16,7 @@ use super::{
     envelope,
     error::WriteError,
     format::{self, Element, Kind, REQUIRED, Section},
-    layout::{Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
+    layout::{BOUNDS_BYTES, Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
     manifest::{Manifest, Provenance, TerrainManifest},
     pages,
 };
@@ -128,7 +128,6 @@ impl Drop for Partial {
 pub(super) struct Content<'a, H> {
     field: &'a H,
     bounds: &'a BoundsPyramid,
-    grid: Grid,
     manifest: Manifest,
     sections: Vec<Section>,
     file_bytes: u64,
@@ -142,6 +141,13 @@ struct Survey {
     void_posts: u64,
     /// Bytes of all bitmaps of voids.
     bitmap_bytes: u64,
+}
+
+impl Survey {
+    fn element(&self) -> Element {
+        let small = i16::try_from(self.drawn.0).is_ok() && i16::try_from(self.drawn.1).is_ok();
+        if small { Element::I16 } else { Element::I32 }
+    }
 }
 
 impl<'a, H: HeightField> Content<'a, H> {
@@ -169,50 +175,15 @@ impl<'a, H: HeightField> Content<'a, H> {
         if !levels.eq(stored_levels(grid.root().exponent())) {
             return Err(WriteError::Description("the bounds are not those of this grid".into()));
         }
-        let mut content = Self { field, bounds, grid, manifest, sections: Vec::new(), file_bytes: 0 };
-        content.plan(&survey)?;
-        Ok(content)
-    }
-
-    fn plan(&mut self, survey: &Survey) -> Result<(), WriteError> {
-        let small = i16::try_from(survey.drawn.0).is_ok() && i16::try_from(survey.drawn.1).is_ok();
-        let (element, width) = if small { (Element::I16, 2) } else { (Element::I32, 4) };
-        let blank = Section {
-            kind: Kind::Manifest,
-            flags: REQUIRED,
-            element: Element::Byte,
-            level: 0,
-            columns: 0,
-            rows: 0,
-            pages: 0,
-            offset: 0,
-            length: envelope::seal(&self.manifest)?.len() as u64,
-        };
-        let (columns, rows) = (self.grid.nx(), self.grid.ny());
-        let length = width * self.grid.posts() + survey.bitmap_bytes;
-        self.sections = vec![blank, Section { kind: Kind::Heights, element, columns, rows, length, ..blank }];
-        for lattice in self.bounds.lattices() {
-            let (columns, rows) = (lattice.columns(), lattice.rows());
-            let quads = u64::from(columns.div_ceil(2)) * u64::from(rows.div_ceil(2));
-            let length = quads * (QUAD_DIAMONDS * super::layout::BOUNDS_BYTES) as u64;
-            let level = u32::from(lattice.k());
-            let element = Element::Bounds;
-            self.sections.push(Section { kind: Kind::Bounds, element, level, columns, rows, length, ..blank });
-        }
-        let mut end = format::front_bytes(self.sections.len());
-        for section in &mut self.sections {
-            section.pages = Paging::of_section(section).map_or(0, |paging| paging.pages());
-            section.length += directory::bytes(section.pages).unwrap_or(0);
-            section.offset = end;
-            end += section.length;
-        }
-        self.file_bytes = end;
-        Ok(())
+        let lattices: Vec<_> = bounds.lattices().iter().map(|lattice| (lattice.columns(), lattice.rows())).collect();
+        let manifest_bytes = envelope::seal(&manifest)?.len() as u64;
+        let (sections, file_bytes) = plan(manifest_bytes, grid, survey.element(), survey.bitmap_bytes, &lattices);
+        Ok(Self { field, bounds, manifest, sections, file_bytes })
     }
 
     /// Writes the file: pages, then directories, then the front matter.
     pub(super) fn write(
-        mut self,
+        &mut self,
         sink: &mut impl Sink,
         path: &Path,
         progress: &mut dyn FnMut(u64),
@@ -283,6 +254,47 @@ impl<'a, H: HeightField> Content<'a, H> {
         }
         Ok((out, 0))
     }
+}
+
+/// The sections of a file and its length, from what their sizes depend on: of `lattices` those from k = 1 on.
+pub(super) fn plan(
+    manifest_bytes: u64,
+    grid: Grid,
+    element: Element,
+    bitmap_bytes: u64,
+    lattices: &[(u32, u32)],
+) -> (Vec<Section>, u64) {
+    let (flags, offset) = (REQUIRED, 0);
+    let (columns, rows) = (grid.nx(), grid.ny());
+    let width = if element == Element::I16 { 2 } else { 4 };
+    let length = width * grid.posts() + bitmap_bytes;
+    let manifest = Section {
+        kind: Kind::Manifest,
+        flags,
+        element: Element::Byte,
+        level: 0,
+        columns: 0,
+        rows: 0,
+        pages: 0,
+        offset,
+        length: manifest_bytes,
+    };
+    let heights = Section { kind: Kind::Heights, element, columns, rows, length, ..manifest };
+    let mut sections = vec![manifest, heights];
+    for (level, &(columns, rows)) in (1..).zip(lattices) {
+        let quads = u64::from(columns.div_ceil(2)) * u64::from(rows.div_ceil(2));
+        let length = quads * (QUAD_DIAMONDS * BOUNDS_BYTES) as u64;
+        let (kind, element) = (Kind::Bounds, Element::Bounds);
+        sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
+    }
+    let mut end = format::front_bytes(sections.len());
+    for section in &mut sections {
+        section.pages = Paging::of_section(section).map_or(0, |paging| paging.pages());
+        section.length += directory::bytes(section.pages).unwrap_or(0);
+        section.offset = end;
+        end += section.length;
+    }
+    (sections, end)
 }
 
 /// Adds a section and the checksums of its pages to the hash that is the terrain version.

@@ -1,0 +1,310 @@
+//! Damage: flipped bytes, cut files, files that shrink, writers that crash, fronts that lie.
+
+use std::{
+    io,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+use super::{
+    Database, OpenError, OpenOptions, WriteError,
+    directory::{self, BLOCK_ENTRIES},
+    envelope,
+    format::{self, Element},
+    layout::Paging,
+    manifest::{Manifest, TerrainManifest},
+    source::PageSource,
+    tests::{SCALE, description, terrain},
+    verify::verify_source,
+    writer::{Content, Sink, plan, publish},
+};
+use crate::{
+    terrain::{Grid, HeightField, MemoryField, PageId, ReadError},
+    wedgie::{BoundsPyramid, ErrorBounds, Lattice},
+};
+
+/// Bytes in memory that can shrink, and that count what is read of them.
+#[derive(Clone, Default)]
+struct Bytes {
+    bytes: Arc<Vec<u8>>,
+    cut: Arc<AtomicU64>,
+    read: Arc<AtomicU64>,
+}
+
+impl Bytes {
+    fn boxed(bytes: &[u8]) -> Box<dyn PageSource> {
+        Box::new(Self { bytes: Arc::new(bytes.to_vec()), ..Self::default() })
+    }
+}
+
+impl PageSource for Bytes {
+    fn length(&self) -> io::Result<u64> {
+        Ok(self.bytes.len() as u64 - self.cut.load(Ordering::Relaxed))
+    }
+
+    fn read_exact_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<()> {
+        self.read.fetch_add(bytes.len() as u64, Ordering::Relaxed);
+        let end = offset + bytes.len() as u64;
+        if end > self.length()? {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        bytes.copy_from_slice(&self.bytes[offset as usize..end as usize]);
+        Ok(())
+    }
+}
+
+/// A sink in memory that fails after a number of writes.
+struct Memory {
+    bytes: Vec<u8>,
+    writes_left: usize,
+}
+
+impl Sink for Memory {
+    fn write_at(&mut self, offset: u64, bytes: &[u8]) -> io::Result<()> {
+        self.writes_left = self.writes_left.checked_sub(1).ok_or(io::ErrorKind::StorageFull)?;
+        let end = offset as usize + bytes.len();
+        self.bytes.resize(self.bytes.len().max(end), 0);
+        self.bytes[offset as usize..end].copy_from_slice(bytes);
+        Ok(())
+    }
+}
+
+/// The bytes that `writes` writes of a database of `field` leave, and whether it was complete.
+fn written(field: &MemoryField, writes: usize) -> (Vec<u8>, bool) {
+    let bounds = BoundsPyramid::compute(field, SCALE).unwrap();
+    let mut sink = Memory { bytes: Vec::new(), writes_left: writes };
+    let mut content = Content::survey(field, &bounds, &description()).unwrap();
+    let done = content.write(&mut sink, Path::new("memory"), &mut |_| ()).is_ok();
+    (sink.bytes, done)
+}
+
+const NO_CACHE: OpenOptions = OpenOptions { cache_bytes: 0 };
+
+fn pages(grid: Grid) -> impl Iterator<Item = PageId> {
+    let (columns, rows) = grid.pages();
+    (0..rows).flat_map(move |pj| (0..columns).map(move |pi| PageId { pi, pj }))
+}
+
+/// Every height page of `database` is that of `field`, or an error; the number of errors.
+fn unreadable_pages(database: &Database, field: &MemoryField) -> usize {
+    let mut unreadable = 0;
+    for id in pages(field.grid()) {
+        match database.page(id) {
+            Ok(page) => {
+                let expected = field.page(id).unwrap();
+                let all = (0..64).flat_map(|j| (0..64).map(move |i| (i, j)));
+                assert!(all.into_iter().all(|(i, j)| page.at(i, j) == expected.at(i, j)), "wrong heights in {id:?}");
+            }
+            Err(ReadError::Damaged { .. }) => unreadable += 1,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    unreadable
+}
+
+#[test]
+fn every_flipped_byte_is_found_and_none_gives_a_wrong_height() {
+    let field = terrain(68, 21, 3, 1, true);
+    let (bytes, done) = written(&field, usize::MAX);
+    assert!(done);
+    let sound = verify_source(Bytes::boxed(&bytes), &|_| ()).unwrap();
+    assert!(sound.damage.is_empty() && sound.good_pages == sound.pages, "{sound:?}");
+    for at in 0..bytes.len() {
+        let mut bad = bytes.clone();
+        bad[at] ^= 1 << (at % 8);
+        let Ok(verification) = verify_source(Bytes::boxed(&bad), &|_| ()) else {
+            assert!(Database::open_whole(Bytes::boxed(&bad), NO_CACHE).is_err(), "byte {at}");
+            continue;
+        };
+        assert!(!verification.damage.is_empty(), "verify does not see byte {at}");
+        let database = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
+        unreadable_pages(&database, &field);
+    }
+}
+
+#[test]
+fn damage_to_one_page_fails_the_queries_that_meet_it_and_no_others() {
+    let field = terrain(200, 200, 8, 1, false);
+    let (mut bytes, _) = written(&field, usize::MAX);
+    let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
+    let paging = Paging::of_heights(200, 200);
+    let (_, entry) = database.page_bytes(database.heights, &paging, 5).unwrap();
+    bytes[entry.offset as usize + 17] ^= 1;
+    let database = Database::open_whole(Bytes::boxed(&bytes), OpenOptions::default()).unwrap();
+    assert_eq!(unreadable_pages(&database, &field), 1);
+    let id = paging.id(5);
+    let error = database.page(id).unwrap_err().to_string();
+    assert!(error.contains(&format!("page ({}, {}) of heights", id.pi, id.pj)), "{error}");
+    let found = verify_source(Bytes::boxed(&bytes), &|_| ()).unwrap();
+    assert_eq!((found.damage.len(), found.pages - found.good_pages), (1, 1), "{found:?}");
+    assert!(error.contains(found.damage[0].split(':').next().unwrap()), "{error} {found:?}");
+}
+
+#[test]
+fn a_file_cut_at_any_length_is_refused_and_verify_names_what_is_gone() {
+    let field = terrain(68, 21, 4, 1, true);
+    let (bytes, _) = written(&field, usize::MAX);
+    for length in 0..bytes.len() {
+        let cut = || Bytes::boxed(&bytes[..length]);
+        let error = Database::open_whole(cut(), NO_CACHE).unwrap_err();
+        assert!(error.is_damage() || length == 0, "{length}: {error}");
+        if let Ok(found) = verify_source(cut(), &|_| ()) {
+            assert!(found.damage.len() >= 2 && found.good_pages < found.pages, "{length}: {found:?}");
+        }
+    }
+    let longer = [&bytes[..], &[0]].concat();
+    assert!(matches!(Database::open_whole(Bytes::boxed(&longer), NO_CACHE), Err(OpenError::Length { .. })));
+}
+
+#[test]
+fn a_file_that_shrinks_while_open_is_an_error_for_what_is_gone() {
+    let field = terrain(200, 130, 4, 1, false);
+    let (bytes, _) = written(&field, usize::MAX);
+    let source = Bytes { bytes: Arc::new(bytes), ..Bytes::default() };
+    let database = Database::open_whole(Box::new(source.clone()), NO_CACHE).unwrap();
+    let heights = database.sections[database.heights];
+    let half = heights.offset + directory::bytes(heights.pages).unwrap() + 5 * 8192;
+    source.cut.store(source.bytes.len() as u64 - half, Ordering::Relaxed);
+    let unreadable = unreadable_pages(&database, &field);
+    assert!((1..12).contains(&unreadable), "{unreadable}");
+    assert!(matches!(database.bounds(sightline_proto::diamond::Post::new(64, 64)), Err(ReadError::Damaged { .. })));
+}
+
+#[test]
+fn a_real_file_cut_while_open_is_an_error_and_not_a_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let field = terrain(130, 66, 4, 1, false);
+    super::tests::write_to(&path, &field);
+    let database = Database::open(&path, OpenOptions::default()).unwrap();
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(2000).unwrap();
+    assert_eq!(unreadable_pages(&database, &field), 6);
+    assert!(matches!(Database::open(&path, OpenOptions::default()), Err(OpenError::Length { .. })));
+}
+
+#[test]
+fn a_crash_after_any_write_leaves_no_database() {
+    let field = terrain(130, 40, 6, 1, true);
+    let mut writes = 0;
+    loop {
+        let (bytes, done) = written(&field, writes);
+        if done {
+            break;
+        }
+        assert!(Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).is_err(), "after {writes} writes");
+        writes += 1;
+    }
+    assert!(writes > 10);
+}
+
+#[test]
+fn a_failed_or_panicking_ingest_leaves_the_old_database_or_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let fail = |_: &mut std::fs::File| -> Result<(), WriteError> { Err(WriteError::AllVoid { posts: 1 }) };
+    assert!(publish(&path, false, fail).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    let old = super::tests::write_to(&path, &terrain(9, 9, 1, 1, false));
+    let half = |file: &mut std::fs::File| -> Result<(), WriteError> {
+        file.write_at(0, b"half").unwrap();
+        panic!("killed")
+    };
+    let unwound = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| publish(&path, true, half)));
+    assert!(unwound.is_err());
+    assert_eq!(Database::open(&path, OpenOptions::default()).unwrap().version(), old.version);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+/// A front that states a terrain of 65,537 x 65,537 posts, over nothing but a hole.
+#[test]
+fn a_huge_sparse_file_opens_with_little_read_and_its_holes_are_damage() {
+    let grid = Grid::new(65_537, 65_537).unwrap();
+    let (nx, ny) = (grid.nx(), grid.ny());
+    let terrain = TerrainManifest { nx, ny, scale: SCALE, georeference: None, lowest: 0, highest: 9, void_posts: 0 };
+    let manifest = Manifest { terrain, provenance: super::Provenance::default(), version: [7; 16] };
+    let manifest = envelope::seal(&manifest).unwrap();
+    let lattices: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
+    let (sections, file_bytes) = plan(manifest.len() as u64, grid, Element::I16, 0, &lattices);
+    let per_post = file_bytes as f64 / grid.posts() as f64;
+    assert!((4.9..5.03).contains(&per_post), "{per_post} bytes a post");
+    let front = [format::encode_front(&sections, file_bytes), manifest].concat();
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("huge.sldb");
+    std::fs::write(&path, &front).unwrap();
+    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    if file.set_len(file_bytes).is_ok() {
+        let database = Database::open(&path, OpenOptions::default()).unwrap();
+        let error = database.page(PageId { pi: 1000, pj: 500 }).unwrap_err();
+        assert!(matches!(error, ReadError::Damaged { .. }), "{error}");
+    }
+
+    let source = Bytes { bytes: Arc::new(front), ..Bytes::default() };
+    let database = Database::open_source(Box::new(source.clone()), NO_CACHE).unwrap();
+    assert!(matches!(database.page(PageId { pi: 0, pj: 0 }), Err(ReadError::Damaged { .. })));
+    assert!(source.read.load(Ordering::Relaxed) < 16_384);
+}
+
+/// Directory entries with valid checksums that point elsewhere, or state other lengths, are refused before a read.
+#[test]
+fn lying_directories_are_refused_without_reading_or_allocating() {
+    let field = terrain(130, 70, 9, 1, true);
+    let (bytes, _) = written(&field, usize::MAX);
+    let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
+    let heights = database.sections[database.heights];
+    assert!(heights.pages < BLOCK_ENTRIES);
+    let sound = database.directory_block(database.heights, 0).unwrap();
+    for (n, value) in (0..6).flat_map(|n| [0, 1, u64::from(u32::MAX), u64::MAX, u64::MAX - 9].map(|v| (n, v))) {
+        let mut entries = sound.to_vec();
+        match n % 3 {
+            0 => entries[0].offset = value,
+            1 => entries[0].length = value as u32,
+            _ => entries[0].flags = 2 + value as u32 / 2,
+        }
+        let mut bad = bytes.clone();
+        let directory = directory::encode(&entries);
+        bad[heights.offset as usize..][..directory.len()].copy_from_slice(&directory);
+        let database = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
+        assert_eq!(unreadable_pages(&database, &field), 1, "field {n}, value {value}");
+    }
+}
+
+/// Fronts with valid checksums whose tables do not fit the grid.
+#[test]
+fn lying_tables_are_refused() {
+    let field = terrain(130, 70, 9, 1, false);
+    let (bytes, _) = written(&field, usize::MAX);
+    let sections = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap().sections;
+    for (n, field_number) in (0..sections.len()).flat_map(|n| (0..8).map(move |f| (n, f))) {
+        let mut list = sections.clone();
+        let s = &mut list[n];
+        match field_number {
+            0 => s.columns += 1,
+            1 => s.rows = u32::MAX,
+            2 => s.pages += 1,
+            3 => s.pages = u64::MAX,
+            4 => s.level += 1,
+            5 => s.element = Element::Other(9),
+            6 => s.offset += 1,
+            _ => s.length = u64::MAX,
+        }
+        let front = format::encode_front(&list, bytes.len() as u64);
+        let mut bad = bytes.clone();
+        bad[..front.len()].copy_from_slice(&front);
+        // A lattice of odd size has room for one column more: opening cannot tell, the terrain version does.
+        let refused = match verify_source(Bytes::boxed(&bad), &|_| ()) {
+            Ok(found) => !found.damage.is_empty() && field_number == 0,
+            Err(_) => true,
+        };
+        assert!(refused, "section {n}, field {field_number}");
+        let mut list = sections.clone();
+        list.remove(n);
+        let front = format::encode_front(&list, bytes.len() as u64);
+        let mut bad = bytes.clone();
+        bad[..front.len()].copy_from_slice(&front);
+        assert!(Database::open_whole(Bytes::boxed(&bad), NO_CACHE).is_err(), "section {n} left out");
+    }
+}
