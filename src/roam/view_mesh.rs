@@ -1,0 +1,131 @@
+//! The mesh of one view: a pure function of terrain, camera, target and sight lines, found from frame to frame.
+
+use std::sync::Arc;
+
+use sightline_proto::{
+    diamond::{Post, RootSquare},
+    mesh::Mesh,
+};
+
+use super::{MeshError, RequiredLine, Target, Terrain, Work, queues::DualQueue, requirements};
+use crate::{
+    terrain::{ReadError, SceneScale},
+    view::Camera,
+};
+
+/// What one update delivered.
+#[derive(Clone, PartialEq, Default, Debug)]
+pub struct MeshReport {
+    /// Triangles of the mesh, never more than the target allows.
+    pub triangles: u32,
+    /// No point of the finest surface in the picture is drawn further off than this, in pixels (metres for a camera
+    /// without an eye); may be infinite.
+    pub bound_px: f64,
+    /// Posts that became active with this update, in order.
+    pub added: Vec<Post>,
+    /// Posts that ceased to be, in order.
+    pub removed: Vec<Post>,
+    /// Ids of the lines that do not hold on this mesh, ascending: exactly those.
+    pub unsatisfied: Vec<u64>,
+    /// What it took.
+    pub work: Work,
+}
+
+/// The mesh of one view. Memory is proportional to the mesh, never to the terrain.
+#[derive(Debug)]
+pub struct ViewMesh<T> {
+    queue: DualQueue<T>,
+    camera: Camera,
+    /// What the mesh was made for; `None` before the first update and after a failed one.
+    made_for: Option<(Camera, Target, Vec<RequiredLine>)>,
+    report: MeshReport,
+}
+
+impl<T: Terrain> ViewMesh<T> {
+    /// A mesh of two triangles over `terrain`, whose grid has the `scale`.
+    pub fn new(terrain: Arc<T>, scale: SceneScale) -> Result<Self, ReadError> {
+        let camera = Camera::everywhere();
+        let queue = DualQueue::new(terrain, scale, &camera)?;
+        Ok(Self { queue, camera, made_for: None, report: MeshReport::default() })
+    }
+
+    /// The terrain.
+    pub fn terrain(&self) -> &Arc<T> {
+        self.queue.terrain()
+    }
+
+    /// Metres per post and per height unit.
+    pub fn scale(&self) -> SceneScale {
+        self.queue.scale()
+    }
+
+    /// Makes the mesh what `camera`, `target` and `lines` ask for. Ids are unique; the order of the lines is their
+    /// own.
+    ///
+    /// The result depends on the arguments and the terrain alone, not on earlier updates, whether they succeeded or
+    /// not; only the cost does.
+    pub fn update(&mut self, camera: &Camera, target: Target, lines: &[RequiredLine]) -> Result<MeshReport, MeshError> {
+        let (max, threshold) = target.limits()?;
+        self.queue.work = Work::default();
+        let unchanged = matches!(&self.made_for, Some((c, t, l)) if c == camera && *t == target && l == lines);
+        if !unchanged {
+            self.made_for = None;
+            self.refine(camera, max, threshold)?;
+            self.report.unsatisfied = self.failing(lines)?;
+            self.made_for = Some((*camera, target, lines.to_vec()));
+        }
+        self.report.triangles = u32::try_from(self.queue.triangles()).unwrap_or(u32::MAX);
+        self.report.bound_px = self.queue.bound();
+        (self.report.added, self.report.removed) = self.queue.take_changes();
+        self.report.work = self.queue.work;
+        Ok(self.report.clone())
+    }
+
+    fn refine(&mut self, camera: &Camera, max: u32, threshold: f64) -> Result<(), ReadError> {
+        if self.camera != *camera {
+            self.camera = *camera;
+            self.queue.look(camera);
+            self.queue.requeue();
+        }
+        self.queue.release();
+        self.queue.require(&[], camera)?;
+        self.queue.refine(camera, max, threshold)
+    }
+
+    fn failing(&self, lines: &[RequiredLine]) -> Result<Vec<u64>, ReadError> {
+        let mut ids = Vec::new();
+        for line in lines {
+            if !requirements::holds(&self.queue, line)? {
+                ids.push(line.id);
+            }
+        }
+        ids.sort_unstable();
+        Ok(ids)
+    }
+
+    /// How many posts are held in memory: the active ones and those that could be split next.
+    pub fn posts_held(&self) -> usize {
+        self.queue.posts_held()
+    }
+
+    /// The active posts that are no corners, with their heights, by row and column.
+    pub fn active_posts(&self) -> Vec<(Post, f64)> {
+        let mut posts: Vec<_> = self.queue.active().collect();
+        posts.sort_unstable_by_key(|&(p, _)| p);
+        posts
+    }
+}
+
+impl<T: Terrain> Mesh for ViewMesh<T> {
+    fn root(&self) -> RootSquare {
+        self.queue.grid().root()
+    }
+
+    fn grid_size(&self) -> (u32, u32) {
+        (self.queue.grid().nx(), self.queue.grid().ny())
+    }
+
+    fn height(&self, p: Post) -> Option<f64> {
+        self.queue.height_of(p)
+    }
+}
