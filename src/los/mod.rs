@@ -1,1 +1,133 @@
-//! Exact lines of sight on the finest surface, and the naive reference that they are tested against.
+//! Exact lines of sight on the finest surface, and what follows from them.
+//!
+//! AB is a closed segment with finite f64 ends in the grid frame, each number taken at its exact value. **Blocked**:
+//! some point of AB over a known point of the plane lies strictly below the surface. **Unknown**: not blocked, and some
+//! point of AB is over an unknown point (a point is known when all posts of the smallest face that contains it are in
+//! the grid and not void). **Visible**: otherwise; contact does not block. So A sees B exactly when B sees A.
+//!
+//! On one triangle the line and the surface are linear, so the ends of each chord decide: the ends of AB ([`surface`])
+//! and the crossings of AB with the four families of edge lines ([`sweep`], [`walk`]). Nothing here sees a database:
+//! heights come through [`HeightField`], and what could not be read is an error, never a verdict.
+//!
+//! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
+
+pub mod naive;
+mod surface;
+mod sweep;
+mod walk;
+
+pub use surface::{on_ground, surface_height};
+
+use rayon::prelude::*;
+use sightline_proto::predicates::{Exact, Kernel};
+use thiserror::Error;
+
+use crate::terrain::{HeightField, ReadError};
+
+/// The verdict on a line of sight, in the order in which verdicts of parts combine: the greatest wins.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Verdict {
+    /// Nothing known or unknown is in the way.
+    Visible,
+    /// Not blocked, but part of the line is over unknown ground.
+    Unknown,
+    /// Some point of the line over known ground is strictly below it.
+    Blocked,
+}
+
+impl Verdict {
+    /// VISIBLE, UNKNOWN or BLOCKED.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Visible => "VISIBLE",
+            Self::Unknown => "UNKNOWN",
+            Self::Blocked => "BLOCKED",
+        }
+    }
+}
+
+/// How to ask for a line of sight.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct Options {
+    /// Whether contact with known ground strictly between the ends blocks.
+    pub strict: bool,
+}
+
+/// The answer to a line-of-sight question.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Answer {
+    /// The exact verdict.
+    pub verdict: Verdict,
+    /// For a visible line: whether it touches the surface strictly between its ends.
+    pub grazes: bool,
+}
+
+/// Why a line-of-sight question has no answer.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum LosError {
+    /// A coordinate is NaN or infinite.
+    #[error("{what} is {value}: coordinates must be finite numbers")]
+    NotFinite {
+        /// Which coordinate.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The ground plus the height asked for is beyond the range of f64.
+    #[error("{height} above the ground at ({x}, {y}) is beyond the range of numbers")]
+    OutOfRange {
+        /// East coordinate in posts.
+        x: f64,
+        /// North coordinate in posts.
+        y: f64,
+        /// Height above the ground in height units.
+        height: f64,
+    },
+    /// The terrain could not be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+}
+
+/// The exact line of sight from `a` to `b` on the finest surface of `field`. Ends in the grid frame.
+pub fn line_of_sight<H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
+where
+    H: HeightField + ?Sized,
+{
+    line_of_sight_with::<Exact, H>(field, a, b, options)
+}
+
+/// [`line_of_sight`] with the rungs of `K`; a kernel without an exact rung is wrong near ties.
+pub fn line_of_sight_with<K, H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
+where
+    K: Kernel,
+    H: HeightField + ?Sized,
+{
+    check_finite(a, ["ax", "ay", "az"])?;
+    check_finite(b, ["bx", "by", "bz"])?;
+    let met = walk::walk::<K, H>(field, a, b, options.strict)?;
+    let blocked = met.blocked || options.strict && met.contact;
+    let verdict = match (blocked, met.unknown) {
+        (true, _) => Verdict::Blocked,
+        (_, true) => Verdict::Unknown,
+        _ => Verdict::Visible,
+    };
+    Ok(Answer { verdict, grazes: verdict == Verdict::Visible && met.contact })
+}
+
+/// Many lines at once, over all cores, answers in the order of `lines`. The first error in that order wins.
+pub fn line_of_sight_batch<H>(field: &H, lines: &[[[f64; 3]; 2]], options: Options) -> Result<Vec<Answer>, LosError>
+where
+    H: HeightField + ?Sized,
+{
+    let answers: Vec<_> = lines.par_iter().map(|&[a, b]| line_of_sight(field, a, b, options)).collect();
+    answers.into_iter().collect()
+}
+
+fn check_finite(values: [f64; 3], names: [&'static str; 3]) -> Result<(), LosError> {
+    for (value, what) in values.into_iter().zip(names) {
+        if !value.is_finite() {
+            return Err(LosError::NotFinite { what, value });
+        }
+    }
+    Ok(())
+}

@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, fs, path::Path, path::PathBuf};
 
-use sightline::terrain::Grid;
+use sightline::terrain::{Grid, MemoryField};
 use sightline_proto::{
     diamond::{Post, RootSquare},
     mesh::Mesh,
@@ -36,6 +36,14 @@ impl Heights {
     pub(crate) fn clamped(&self, i: u32, j: u32) -> Option<f64> {
         let (nx, ny) = self.size();
         self.rows[j.min(ny - 1) as usize][i.min(nx - 1) as usize]
+    }
+}
+
+impl Heights {
+    /// The grid as a height field.
+    pub(crate) fn field(&self) -> MemoryField {
+        let (nx, ny) = self.size();
+        MemoryField::from_fn(nx, ny, |i, j| self.clamped(i, j)).unwrap()
     }
 }
 
@@ -161,6 +169,39 @@ pub(crate) fn mesh_lines(folder: &Path) -> Vec<MeshLine> {
             b: at([bx, by, bz]),
             on_mesh: on_mesh.to_owned(),
             on_finest: on_finest.to_owned(),
+        }
+    };
+    text.lines().skip(1).map(line).collect()
+}
+
+/// A line of `sight_lines.csv`.
+#[derive(Debug)]
+pub(crate) struct SightLine {
+    /// The grid it is over.
+    pub(crate) grid: String,
+    /// How it was made.
+    pub(crate) kind: String,
+    /// One end.
+    pub(crate) a: [f64; 3],
+    /// The other end.
+    pub(crate) b: [f64; 3],
+    /// The verdict on the finest surface.
+    pub(crate) verdict: String,
+}
+
+/// The lines of `sight_lines.csv`.
+pub(crate) fn sight_lines(folder: &Path) -> Vec<SightLine> {
+    let text = read(folder, "sight_lines.csv");
+    let line = |line: &str| {
+        let fields: Vec<_> = line.split(',').collect();
+        let [grid, kind, ax, ay, az, bx, by, bz, verdict] = fields[..] else { panic!("'{line}'") };
+        let at = |p: [&str; 3]| p.map(|v| v.parse().unwrap());
+        SightLine {
+            grid: grid.to_owned(),
+            kind: kind.to_owned(),
+            a: at([ax, ay, az]),
+            b: at([bx, by, bz]),
+            verdict: verdict.to_owned(),
         }
     };
     text.lines().skip(1).map(line).collect()

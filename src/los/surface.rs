@@ -1,0 +1,196 @@
+//! The finest surface at a point: which face holds it, how a point stands to that face, and heights above ground.
+//!
+//! The surface is linear on each triangle of the finest triangulation, whose edges lie on x in Z, y in Z, x - y in 2Z
+//! and x + y in 2Z. Faces are found without rounding: the fractional part of an f64 is an f64, and whether two of them
+//! add up to 1 is decided with the error of the sum at hand.
+
+use num_bigint::BigInt;
+use num_rational::BigRational;
+use num_traits::ToPrimitive;
+use sightline_proto::{
+    diamond::{Post, diagonal_rises},
+    predicates::{Kernel, Sign, orient2d_with, orient3d_with},
+};
+
+use super::{LosError, check_finite};
+use crate::terrain::{Grid, HeightField, Posts, ReadError};
+
+/// A face of the finest triangulation: a post, an edge (in order of growing x, or y where x stays), or a triangle
+/// (counter-clockwise).
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) enum Face {
+    Post([Post; 1]),
+    Edge([Post; 2]),
+    Triangle([Post; 3]),
+}
+
+impl Face {
+    pub(super) fn posts(&self) -> &[Post] {
+        match self {
+            Self::Post(posts) => posts,
+            Self::Edge(posts) => posts,
+            Self::Triangle(posts) => posts,
+        }
+    }
+
+    /// The smallest face that contains the plan point (x, y); `None` outside the grid.
+    pub(super) fn at(grid: Grid, [x, y]: [f64; 2]) -> Option<Self> {
+        let inside = |v: f64, posts: u32| v >= 0.0 && v <= f64::from(posts - 1);
+        if !inside(x, grid.nx()) || !inside(y, grid.ny()) {
+            return None;
+        }
+        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let west_south = Post::new(x as u32, y as u32);
+        let at = |i, j| Post::new(west_south.i + i, west_south.j + j);
+        Some(match (fx == 0.0, fy == 0.0) {
+            (true, true) => Self::Post([west_south]),
+            (true, false) => Self::Edge([west_south, at(0, 1)]),
+            (false, true) => Self::Edge([west_south, at(1, 0)]),
+            (false, false) if diagonal_rises(west_south) => match compare(fx, fy) {
+                Sign::Positive => Self::Triangle([west_south, at(1, 0), at(1, 1)]),
+                Sign::Zero => Self::Edge([west_south, at(1, 1)]),
+                Sign::Negative => Self::Triangle([west_south, at(1, 1), at(0, 1)]),
+            },
+            (false, false) => match sum_against_one(fx, fy) {
+                Sign::Positive => Self::Triangle([at(1, 0), at(1, 1), at(0, 1)]),
+                Sign::Zero => Self::Edge([at(0, 1), at(1, 0)]),
+                Sign::Negative => Self::Triangle([west_south, at(1, 0), at(0, 1)]),
+            },
+        })
+    }
+
+    /// The smallest face that has all posts of both among its corners, when there is one.
+    pub(super) fn joined(&self, other: &Self) -> Option<Vec<Post>> {
+        let mut posts = self.posts().to_vec();
+        posts.extend(other.posts().iter().filter(|p| !self.posts().contains(p)));
+        let adjacent = |p: Post, q: Post| {
+            let (di, dj) = (p.i.abs_diff(q.i), p.j.abs_diff(q.j));
+            di <= 1 && dj <= 1 && (di + dj < 2 || (diagonal_rises(p) && diagonal_rises(q)))
+        };
+        let one_face = posts.len() <= 3 && posts.iter().all(|&p| posts.iter().all(|&q| adjacent(p, q)));
+        one_face.then_some(posts)
+    }
+
+    /// Reads the heights of the corners; `None` when one is void.
+    pub(super) fn heights<H>(&self, posts: &mut Posts<'_, H>) -> Result<Option<[f64; 3]>, ReadError>
+    where
+        H: HeightField + ?Sized,
+    {
+        let mut heights = [0.0; 3];
+        for (height, &p) in heights.iter_mut().zip(self.posts()) {
+            let post = posts.at(p)?;
+            if post.void {
+                return Ok(None);
+            }
+            *height = post.z;
+        }
+        Ok(Some(heights))
+    }
+
+    /// Whether a point over the face is above (positive), on or below it, given the heights of its corners.
+    pub(super) fn height_sign<K: Kernel>(&self, heights: [f64; 3], [x, y, z]: [f64; 3]) -> Sign {
+        let corner = |n: usize, p: Post| [f64::from(p.i), f64::from(p.j), heights[n]];
+        match *self {
+            Self::Post(_) => compare(z, heights[0]),
+            Self::Edge([p, q]) => {
+                // In the upright plane of the edge, along its growing coordinate, left is up.
+                let (from, to, at) = if p.i == q.i { (p.j, q.j, y) } else { (p.i, q.i, x) };
+                orient2d_with::<K>([f64::from(from), heights[0]], [f64::from(to), heights[1]], [at, z])
+            }
+            Self::Triangle([p, q, r]) => orient3d_with::<K>(corner(0, p), corner(1, q), corner(2, r), [x, y, z]),
+        }
+    }
+}
+
+fn compare(a: f64, b: f64) -> Sign {
+    // A difference of two f64 rounds to zero only when they are equal.
+    if a > b {
+        Sign::Positive
+    } else if a < b {
+        Sign::Negative
+    } else {
+        Sign::Zero
+    }
+}
+
+/// The sign of a + b - 1 for a and b between 0 and 1. Exact: rounding keeps order, so a rounded sum on either side of 1
+/// tells; where it is 1, the error of the sum (Knuth's two-sum) does.
+fn sum_against_one(a: f64, b: f64) -> Sign {
+    let (sum, error) = two_sum(a, b);
+    if sum == 1.0 { Sign::of(error) } else { compare(sum, 1.0) }
+}
+
+/// The rounded sum of two numbers and its exact error (Knuth). The error is NaN when the sum overflows.
+pub(super) fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let of_b = sum - a;
+    let of_a = sum - of_b;
+    (sum, (a - of_a) + (b - of_b))
+}
+
+/// The height of the surface at a plan point, rounded to nearest; `None` over unknown ground.
+pub fn surface_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<f64>, LosError> {
+    Ok(exact_height(field, x, y)?.and_then(|z| z.to_f64()))
+}
+
+/// The least f64 that is not below the exact surface plus `height` at a plan point; `None` over unknown ground.
+///
+/// This is how a height above ground becomes the end of a line of sight.
+pub fn on_ground<H: HeightField + ?Sized>(field: &H, x: f64, y: f64, height: f64) -> Result<Option<f64>, LosError> {
+    check_finite([x, y, height], ["x", "y", "height above ground"])?;
+    let Some(ground) = exact_height(field, x, y)? else { return Ok(None) };
+    let least = ground + rational(height);
+    least_not_below(&least).map(Some).ok_or(LosError::OutOfRange { x, y, height })
+}
+
+/// The exact height of the surface.
+fn exact_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<BigRational>, LosError> {
+    check_finite([x, y, 0.0], ["x", "y", "z"])?;
+    let Some(face) = Face::at(field.grid(), [x, y]) else { return Ok(None) };
+    let Some(heights) = face.heights(&mut Posts::new(field))? else { return Ok(None) };
+    let [p, q, r] = heights.map(rational);
+    let offset = |of: Post| {
+        [rational(x) - BigRational::from(BigInt::from(of.i)), rational(y) - BigRational::from(BigInt::from(of.j))]
+    };
+    Ok(Some(match face {
+        Face::Post(_) => p,
+        Face::Edge([from, to]) => {
+            let [dx, dy] = offset(from);
+            let t = if from.i == to.i { dy } else { dx };
+            &p + t * (&q - &p)
+        }
+        Face::Triangle([a, b, c]) => {
+            // Legs are single steps and the triangle's doubled area is 1, so barycentric weights are whole sums.
+            let [dx, dy] = offset(a);
+            let leg = |to: Post| {
+                [to.i, to.j].iter().zip([a.i, a.j]).map(|(&v, w)| i64::from(v) - i64::from(w)).collect::<Vec<_>>()
+            };
+            let (u, v) = (leg(b), leg(c));
+            let times = |n: i64, w: &BigRational| BigRational::from(BigInt::from(n)) * w;
+            let weight_b = times(v[1], &dx) - times(v[0], &dy);
+            let weight_c = times(u[0], &dy) - times(u[1], &dx);
+            &p + weight_b * (&q - &p) + weight_c * (&r - &p)
+        }
+    }))
+}
+
+/// A finite f64 as a fraction.
+fn rational(v: f64) -> BigRational {
+    // Only NaN and infinities have none, and those were refused.
+    BigRational::from_float(v).unwrap_or_default()
+}
+
+/// The least f64 not below `value`; `None` when `value` is beyond the range.
+fn least_not_below(value: &BigRational) -> Option<f64> {
+    let mut candidate = value.to_f64().filter(|v| v.is_finite())?;
+    while rational(candidate) < *value {
+        candidate = candidate.next_up();
+        if !candidate.is_finite() {
+            return None;
+        }
+    }
+    while candidate.next_down().is_finite() && rational(candidate.next_down()) >= *value {
+        candidate = candidate.next_down();
+    }
+    Some(candidate)
+}

@@ -1,0 +1,310 @@
+//! The crossings of a line with one of the four families of parallel edge lines, in rounded numbers with known errors.
+//!
+//! ```text
+//!   column  x = c          row  y = c          rising  x - y = c, c even     falling  x + y = c, c even
+//!   posts (c, v)           posts (v, c)        posts (v, v - c)              posts (v, c - v)
+//! ```
+//!
+//! Every edge of the finest triangulation is a unit step of v on one line of one family, and every such step is an
+//! edge. So instead of walking from cell to cell, AB is intersected with each family by itself: lines of a family
+//! follow each other at equal distances, and nothing is carried from one crossing to the next.
+//!
+//! **Errors.** Let g be the family's function (x, y, x - y or x + y), q the coordinate v or the height z. Exactly,
+//! q(c) = qA + (c - gA) (qB - qA) / (gB - gA), where t = (c - gA) / (gB - gA) is in [0, 1]. Let u = 2^-53, and let e
+//! bound the error of the rounded gA and gB (0 for columns and rows; u |g| for the diagonals). With N = c - gA,
+//! D = gB - gA, Q = qB - qA, the rounded c - gA is (N + e1)(1 + d1) with |e1| <= e, the rounded D is
+//! (D + e2)(1 + d2) with |e2| <= 2 e, and (N + e1)/(D + e2) differs from N/D by at most (e + 2 e t)/|D + e2|
+//! <= 3 e / |D + e2|. Five roundings lie on the way to the product, so where 3 e <= |D|/8 it is off by at most
+//! |Q| (4 e/|D| + 7 u), and the last sum adds at most 1.01 u (max(|qA|, |qB|) + that). Therefore
+//!
+//! error(q) = |Q| (4 e/|D| + 8 u) + 2 u max(|qA|, |qB|) + 2^-1022 (1 + |D|),
+//!
+//! the last term for all underflow: the quotient may lose 2^-1075, which is multiplied by at most 2 |D|. All terms
+//! are at least a tenth larger than needed, which pays for the rounding of the bound itself. Where numbers are so large
+//! that something might overflow, or the errors are no longer small beside a cell, the family is not [`Sweep::trusted`]
+//! and each crossing is decided exactly.
+
+use sightline_proto::{diamond::Post, predicates::Sign};
+
+use super::surface::two_sum;
+use crate::terrain::Grid;
+
+/// The unit roundoff of f64.
+pub(super) const ROUNDOFF: f64 = f64::EPSILON / 2.0;
+/// Beyond this magnitude rounded crossings are not trusted: products of two such numbers would overflow.
+const TRUSTED_MAGNITUDE: f64 = 1e150;
+
+/// A family of parallel lines that carry edges.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Family {
+    Column,
+    Row,
+    Rising,
+    Falling,
+}
+
+impl Family {
+    pub(super) const ALL: [Self; 4] = [Self::Column, Self::Row, Self::Rising, Self::Falling];
+
+    /// The function that is constant on each line, as a rounded value and its exact error.
+    fn function(self, [x, y]: [f64; 2]) -> (f64, f64) {
+        match self {
+            Self::Column => (x, 0.0),
+            Self::Row => (y, 0.0),
+            Self::Rising => two_sum(x, -y),
+            Self::Falling => two_sum(x, y),
+        }
+    }
+
+    /// On which side of line `c` a point lies: the sign of its function less c. Exact: rounding keeps order, so the
+    /// rounded value decides unless it equals c, and then its error does.
+    fn side(self, c: i64, p: [f64; 2]) -> Sign {
+        let (value, error) = self.function(p);
+        let c = c as f64;
+        if value == c {
+            Sign::of(error)
+        } else if value > c {
+            Sign::Positive
+        } else {
+            Sign::Negative
+        }
+    }
+
+    /// The coordinate that grows by 1 from post to post along a line: y on columns, x elsewhere.
+    fn along(self, [x, y]: [f64; 2]) -> f64 {
+        if self == Self::Column { y } else { x }
+    }
+
+    /// The sign by which growth of v turns to the left of a line on which the function grows.
+    fn turn(self) -> Sign {
+        match self {
+            Self::Column | Self::Rising => Sign::Positive,
+            Self::Row | Self::Falling => Sign::Negative,
+        }
+    }
+
+    /// Distance between lines.
+    fn spacing(self) -> i64 {
+        match self {
+            Self::Column | Self::Row => 1,
+            Self::Rising | Self::Falling => 2,
+        }
+    }
+
+    /// The least and greatest function value over the grid.
+    fn lines(self, grid: Grid) -> (i64, i64) {
+        let (east, north) = (i64::from(grid.nx()) - 1, i64::from(grid.ny()) - 1);
+        match self {
+            Self::Column => (0, east),
+            Self::Row => (0, north),
+            Self::Rising => (-north, east),
+            Self::Falling => (0, east + north),
+        }
+    }
+
+    /// The first and last v of posts of the grid on line `c`.
+    #[inline]
+    pub(super) fn posts(self, c: i64, grid: Grid) -> (i64, i64) {
+        let (east, north) = (i64::from(grid.nx()) - 1, i64::from(grid.ny()) - 1);
+        match self {
+            Self::Column => (0, north),
+            Self::Row => (0, east),
+            Self::Rising => (c.max(0), east.min(north + c)),
+            Self::Falling => ((c - north).max(0), east.min(c)),
+        }
+    }
+
+    /// Post `v` on line `c`, which must be in the grid.
+    #[inline]
+    pub(super) fn post(self, c: i64, v: i64) -> Post {
+        let (i, j) = match self {
+            Self::Column => (c, v),
+            Self::Row => (v, c),
+            Self::Rising => (v, v - c),
+            Self::Falling => (v, c - v),
+        };
+        Post::new(i as u32, j as u32)
+    }
+
+    /// Point `v` on line `c`, in the grid or not.
+    pub(super) fn point(self, c: i64, v: i64) -> [f64; 2] {
+        match self {
+            Self::Column => [c as f64, v as f64],
+            Self::Row => [v as f64, c as f64],
+            Self::Rising => [v as f64, (v - c) as f64],
+            Self::Falling => [v as f64, (c - v) as f64],
+        }
+    }
+}
+
+/// The part of AB over the grid, as a range of its parameter that may be a little too wide.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    low: f64,
+    high: f64,
+}
+
+impl Span {
+    /// `None` when AB is nowhere over the grid.
+    pub(super) fn new(grid: Grid, a: [f64; 3], b: [f64; 3]) -> Option<Self> {
+        let (mut low, mut high) = (0.0_f64, 1.0_f64);
+        for (axis, posts) in [(0, grid.nx()), (1, grid.ny())] {
+            let limit = f64::from(posts - 1);
+            let (from, to) = (a[axis], b[axis]);
+            if from.min(to) > limit || from.max(to) < 0.0 {
+                return None;
+            }
+            // A quotient of two rounded differences is off by at most 3.1 u where it lies in [0, 1]. One that
+            // overflowed to NaN changes nothing, since min and max pass over it; to infinity or 0, widens.
+            let reach = to - from;
+            if reach.is_finite() && reach != 0.0 {
+                let ends = [-from / reach, (limit - from) / reach];
+                low = low.max(ends[0].min(ends[1]) - 8.0 * ROUNDOFF);
+                high = high.min(ends[0].max(ends[1]) + 8.0 * ROUNDOFF);
+            }
+        }
+        (low <= high).then_some(Self { low, high })
+    }
+}
+
+/// AB's crossings with one family, numbered from A to B.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sweep {
+    pub(super) family: Family,
+    /// The first line crossed, and the step to the next.
+    first: i64,
+    step: i64,
+    /// How many lines are crossed strictly between the ends, within the grid's range of lines.
+    pub(super) count: i64,
+    /// The sign of side(v + 1) - side(v) seen along AB: normalises orientations against edges of the family.
+    pub(super) turn: Sign,
+    /// Whether the rounded crossings are within the errors below, and those are small beside a cell.
+    pub(super) trusted: bool,
+    g_a: f64,
+    v_a: f64,
+    z_a: f64,
+    v_slope: f64,
+    z_slope: f64,
+    /// Bound of the error of [`Crossing::v`].
+    pub(super) v_error: f64,
+    /// Bound of the error of [`Crossing::z`].
+    pub(super) z_error: f64,
+}
+
+/// Where AB crosses line `c` of a family, in rounded numbers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Crossing {
+    pub(super) c: i64,
+    /// Coordinate along the line.
+    pub(super) v: f64,
+    /// Height of AB.
+    pub(super) z: f64,
+}
+
+impl Sweep {
+    pub(super) fn new(family: Family, grid: Grid, span: Span, a: [f64; 3], b: [f64; 3]) -> Self {
+        let [plan_a, plan_b] = [[a[0], a[1]], [b[0], b[1]]];
+        let ((g_a, _), (g_b, _)) = (family.function(plan_a), family.function(plan_b));
+        let (v_a, v_b, z_a, z_b) = (family.along(plan_a), family.along(plan_b), a[2], b[2]);
+        let reach = g_b - g_a;
+        let g_error = match family {
+            Family::Column | Family::Row => 0.0,
+            Family::Rising | Family::Falling => ROUNDOFF * g_a.abs().max(g_b.abs()),
+        };
+        let growing = family.side_of_b(plan_a, plan_b);
+        let (first, last) = line_range(family, grid, span, plan_a, plan_b);
+        let forward = growing == Sign::Positive;
+        let spacing = family.spacing();
+        let error = |from: f64, to: f64| {
+            (to - from).abs() * (4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF)
+                + 2.0 * ROUNDOFF * from.abs().max(to.abs())
+                + f64::MIN_POSITIVE * (1.0 + reach.abs())
+        };
+        let (v_error, z_error) = (error(v_a, v_b), error(z_a, z_b));
+        let (v_slope, z_slope) = ((v_b - v_a) / reach, (z_b - z_a) / reach);
+        let magnitude = [v_a, v_b, z_a, z_b, g_a, g_b, v_slope, z_slope].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        // Written so that NaN is not trusted.
+        let trusted = magnitude <= TRUSTED_MAGNITUDE
+            && v_slope.is_finite()
+            && z_slope.is_finite()
+            && 24.0 * g_error <= reach.abs()
+            && v_error < 0.125;
+        Self {
+            family,
+            first: if forward { first } else { last },
+            step: if forward { spacing } else { -spacing },
+            count: if growing == Sign::Zero { 0 } else { ((last - first) / spacing + 1).max(0) },
+            turn: family.turn().times(growing),
+            trusted,
+            g_a,
+            v_a,
+            z_a,
+            v_slope,
+            z_slope,
+            v_error,
+            z_error,
+        }
+    }
+
+    /// Line number of crossing `n`, below [`Sweep::count`].
+    #[inline]
+    pub(super) fn line(&self, n: i64) -> i64 {
+        self.first + n * self.step
+    }
+
+    /// Crossing `n`. Only a hint unless [`Sweep::trusted`].
+    #[inline]
+    pub(super) fn crossing(&self, n: i64) -> Crossing {
+        let c = self.line(n);
+        let along = c as f64 - self.g_a;
+        Crossing { c, v: self.v_a + along * self.v_slope, z: self.z_a + along * self.z_slope }
+    }
+}
+
+impl Family {
+    /// The sign of g(B) - g(A), exactly.
+    fn side_of_b(self, a: [f64; 2], b: [f64; 2]) -> Sign {
+        let ((value_a, error_a), (value_b, error_b)) = (self.function(a), self.function(b));
+        // Rounded values in different order are so exactly; equal ones differ by their errors.
+        if value_b == value_a {
+            Sign::of(error_b - error_a)
+        } else if value_b > value_a {
+            Sign::Positive
+        } else {
+            Sign::Negative
+        }
+    }
+}
+
+/// The first and last line, in growing order, that the part of AB over the grid may cross and that A and B lie strictly
+/// on different sides of. Empty ranges have last < first.
+fn line_range(family: Family, grid: Grid, span: Span, a: [f64; 2], b: [f64; 2]) -> (i64, i64) {
+    let spacing = family.spacing();
+    let (least, greatest) = family.lines(grid);
+    let (g_a, g_b) = (family.function(a).0, family.function(b).0);
+    let reach = g_b - g_a;
+    // Each is off by at most a few u of the sizes involved, and by the error of the span.
+    let [at_low, at_high] = [span.low, span.high].map(|t| g_a + t * reach);
+    let margin = 1.0 + 32.0 * ROUNDOFF * (g_a.abs() + g_b.abs());
+    let (mut low, mut high) = (at_low.min(at_high) - margin, at_low.max(at_high) + margin);
+    if !(low <= high && reach.is_finite()) {
+        (low, high) = (least as f64, greatest as f64);
+    }
+    // Casts saturate, so the clamp comes first.
+    let clamp = |v: f64| v.clamp(least as f64 - 2.0, greatest as f64 + 2.0);
+    let multiple = |v: i64| v.div_euclid(spacing) * spacing;
+    let mut first = multiple(clamp(low).floor() as i64).max(multiple(least + spacing - 1));
+    let mut last = multiple(clamp(high).ceil() as i64).min(multiple(greatest));
+    let between = |c: i64| {
+        let (s, t) = (family.side(c, a), family.side(c, b));
+        s != Sign::Zero && s == -t
+    };
+    // The range may be too wide by a few lines at each end; lines strictly between A and B are consecutive.
+    while first <= last && !between(first) {
+        first += spacing;
+    }
+    while first <= last && !between(last) {
+        last -= spacing;
+    }
+    (first, last)
+}

@@ -1,0 +1,286 @@
+//! The exact traversal: every edge and post of the finest triangulation that AB crosses, each decided once.
+//!
+//! **What is enough.** AB meets relative interiors of faces. On a known triangle or edge the clearance is linear along
+//! AB, so a point strictly below exists exactly when one of the chord's ends is strictly below, and those lie on faces
+//! of the same face, which are known too. Chord ends are A, B, posts on AB, and transversal crossings of open edges.
+//! AB over an open triangle with a void corner V leaves it at an end of AB or, on at least one side, through a face
+//! that contains V; so the same points reveal unknown ground. And AB leaves the grid exactly when an end is outside. So
+//! it is enough to look at the ends and, for each [`Sweep`], at the crossings strictly between the ends. A line along
+//! an edge crosses other families at the edge's posts.
+//!
+//! **Rungs.** A crossing is settled by the rounded crossing and its error bound ([`super::sweep`]) nearly always; close
+//! to a post, by the post's height and its neighbours' within the same errors; otherwise by the predicates of the
+//! kernel, which find the edge by the orientations of its posts.
+
+use sightline_proto::{
+    diamond::Post,
+    predicates::{Kernel, Sign, orient2d_with, orient3d_with, plan},
+};
+
+use super::{
+    surface::Face,
+    sweep::{Crossing, Family, ROUNDOFF, Span, Sweep},
+};
+use crate::terrain::{DrawnPost, HeightField, PAGE_SIDE, PageId, Posts, ReadError};
+
+/// Crossings of one family in a row before the next family's turn, so that all four use the same pages.
+const RUN: i64 = 256;
+
+/// What a line met.
+#[derive(Clone, Copy, Default, Debug)]
+pub(super) struct Met {
+    /// A known point strictly above the line.
+    pub(super) blocked: bool,
+    /// An unknown point.
+    pub(super) unknown: bool,
+    /// A known point on the line strictly between its ends.
+    pub(super) contact: bool,
+}
+
+/// Walks AB until it is blocked (when `strict`, by contact too) or ends.
+pub(super) fn walk<K, H>(field: &H, a: [f64; 3], b: [f64; 3], strict: bool) -> Result<Met, ReadError>
+where
+    K: Kernel,
+    H: HeightField + ?Sized,
+{
+    let mut walk = Walk { posts: Posts::new(field), a, b };
+    let mut met = walk.ends::<K>()?;
+    let grid = walk.posts.grid();
+    let Some(span) = Span::new(grid, a, b) else { return Ok(met) };
+    let sweeps = Family::ALL.map(|family| Sweep::new(family, grid, span, a, b));
+    let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
+    let runs = (longest + RUN - 1) / RUN;
+    for run in 0..runs {
+        for sweep in &sweeps {
+            // Lines of a family are equally far apart, so equal shares of crossings are equal stretches of AB.
+            for n in sweep.count * run / runs..sweep.count * (run + 1) / runs {
+                if met.blocked || strict && met.contact {
+                    return Ok(met);
+                }
+                match walk.cross::<K>(sweep, n)? {
+                    Found::Outside => {}
+                    Found::Unknown => met.unknown = true,
+                    Found::Known(sign) => {
+                        met.blocked |= sign == Sign::Negative;
+                        met.contact |= sign == Sign::Zero;
+                    }
+                }
+            }
+        }
+    }
+    Ok(met)
+}
+
+/// What lies under a crossing.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Found {
+    /// Ground outside the grid.
+    Outside,
+    /// A face with a void corner.
+    Unknown,
+    /// Known ground, with the sign of the line's height over it.
+    Known(Sign),
+}
+
+struct Walk<'a, H: HeightField + ?Sized> {
+    posts: Posts<'a, H>,
+    a: [f64; 3],
+    b: [f64; 3],
+}
+
+impl<H: HeightField + ?Sized> Walk<'_, H> {
+    /// What the ends meet, and whether AB touches between them without crossing anything.
+    fn ends<K: Kernel>(&mut self) -> Result<Met, ReadError> {
+        let mut met = Met::default();
+        let grid = self.posts.grid();
+        let mut touching = Vec::new();
+        for end in [self.a, self.b] {
+            let Some(face) = Face::at(grid, plan(end)) else {
+                met.unknown = true;
+                continue;
+            };
+            match face.heights(&mut self.posts)? {
+                None => met.unknown = true,
+                Some(heights) => match face.height_sign::<K>(heights, end) {
+                    Sign::Negative => met.blocked = true,
+                    Sign::Zero => touching.push(face),
+                    Sign::Positive => {}
+                },
+            }
+        }
+        // Both ends on the ground of one face: then so is all between them. (A vertical line is excluded: only its
+        // lower end may touch.)
+        if let [first, second] = touching[..]
+            && plan(self.a) != plan(self.b)
+            && let Some(face) = first.joined(&second)
+        {
+            let mut known = true;
+            for p in face {
+                known &= !self.posts.at(p)?.void;
+            }
+            met.contact = known;
+        }
+        Ok(met)
+    }
+
+    /// Decides crossing `n` of a sweep.
+    #[inline]
+    fn cross<K: Kernel>(&mut self, sweep: &Sweep, n: i64) -> Result<Found, ReadError> {
+        let crossing = sweep.crossing(n);
+        if !sweep.trusted {
+            return self.cross_exactly::<K>(sweep, crossing);
+        }
+        let (first, last) = sweep.family.posts(crossing.c, self.posts.grid());
+        let error = sweep.v_error;
+        if crossing.v < first as f64 - error || crossing.v > last as f64 + error {
+            return Ok(Found::Outside);
+        }
+        let floor = crossing.v.floor();
+        let fraction = crossing.v - floor;
+        if fraction <= error || 1.0 - fraction <= error {
+            return self.cross_near_post::<K>(sweep, crossing, (first, last));
+        }
+        let v = floor as i64;
+        let (p, q) = self.pair(sweep.family.post(crossing.c, v), sweep.family.post(crossing.c, v + 1))?;
+        if p.void || q.void {
+            return Ok(Found::Unknown);
+        }
+        // The interpolated height is off by |q - p| times the error of the fraction, and by at most 6 u max(|p|, |q|)
+        // for its three roundings. The bound is infinite or NaN where q - p overflows.
+        let rise = q.z - p.z;
+        let clearance = crossing.z - (p.z + fraction * rise);
+        let bound = sweep.z_error + error * rise.abs() + 8.0 * ROUNDOFF * (p.z.abs() + q.z.abs());
+        match settle::<K>(clearance, bound) {
+            Some(sign) => Ok(Found::Known(sign)),
+            None => self.cross_exactly::<K>(sweep, crossing),
+        }
+    }
+
+    /// A crossing so close to a post that it may be on the post or on the edge to either side of it. The ground there
+    /// differs from the post's height by at most twice the error of v times the steeper rise.
+    fn cross_near_post<K: Kernel>(
+        &mut self,
+        sweep: &Sweep,
+        crossing: Crossing,
+        (first, last): (i64, i64),
+    ) -> Result<Found, ReadError> {
+        let v = (crossing.v.round() as i64).clamp(first, last);
+        let at = |v: i64| sweep.family.post(crossing.c, v);
+        let post = self.posts.at(at(v))?;
+        let mut known = !post.void;
+        let mut steepest = 0.0_f64;
+        for neighbour in [v - 1, v + 1] {
+            if neighbour >= first && neighbour <= last {
+                let other = self.posts.at(at(neighbour))?;
+                known &= !other.void;
+                steepest = steepest.max((other.z - post.z).abs());
+            }
+        }
+        if known {
+            let bound = sweep.z_error + 2.0 * sweep.v_error * steepest;
+            match settle::<K>(crossing.z - post.z, bound) {
+                Some(Sign::Positive) => return Ok(Found::Known(Sign::Positive)),
+                // At the border of the grid the crossing may be outside.
+                Some(sign) if v > first && v < last => return Ok(Found::Known(sign)),
+                _ => {}
+            }
+        }
+        self.cross_exactly::<K>(sweep, crossing)
+    }
+
+    /// Decides a crossing by orientations alone; the rounded crossing only says where to begin to look.
+    #[cold]
+    #[inline(never)]
+    fn cross_exactly<K: Kernel>(&mut self, sweep: &Sweep, crossing: Crossing) -> Result<Found, ReadError> {
+        let (family, c) = (sweep.family, crossing.c);
+        let (first, last) = family.posts(c, self.posts.grid());
+        let (a, b) = (plan(self.a), plan(self.b));
+        // Along the line this grows from negative to positive, with a zero where AB meets a post.
+        let side = |v: i64| orient2d_with::<K>(a, b, family.point(c, v)).times(sweep.turn);
+        let Some((v, on_post)) = locate(side, (first, last), crossing.v) else { return Ok(Found::Outside) };
+        let p = self.posts.at(family.post(c, v))?;
+        let space = |v: i64, z: f64| {
+            let [x, y] = family.point(c, v);
+            [x, y, z]
+        };
+        if on_post {
+            // Any height does for the second point: the line meets the edge at the first.
+            let sign = orient3d_with::<K>(self.a, self.b, space(v, p.z), space(v + 1, p.z)).times(sweep.turn);
+            return Ok(if p.void { Found::Unknown } else { Found::Known(sign) });
+        }
+        let q = self.posts.at(family.post(c, v + 1))?;
+        if p.void || q.void {
+            return Ok(Found::Unknown);
+        }
+        if p.z == q.z && self.a[2] == self.b[2] {
+            // Level line over a level edge: as common as lakes, and a comparison.
+            return Ok(Found::Known(if self.a[2] > p.z {
+                Sign::Positive
+            } else if self.a[2] < p.z {
+                Sign::Negative
+            } else {
+                Sign::Zero
+            }));
+        }
+        Ok(Found::Known(orient3d_with::<K>(self.a, self.b, space(v, p.z), space(v + 1, q.z)).times(sweep.turn)))
+    }
+
+    /// Two posts, which mostly lie in one page.
+    #[inline]
+    fn pair(&mut self, p: Post, q: Post) -> Result<(DrawnPost, DrawnPost), ReadError> {
+        let page = PageId::of(p);
+        if page != PageId::of(q) {
+            return Ok((self.posts.at(p)?, self.posts.at(q)?));
+        }
+        let page = self.posts.page(page)?;
+        Ok((page.at(p.i % PAGE_SIDE, p.j % PAGE_SIDE), page.at(q.i % PAGE_SIDE, q.j % PAGE_SIDE)))
+    }
+}
+
+/// The greatest v in `first..=last` with `side(v) <= 0`, and whether it is zero there; `None` when the line passes
+/// below first or beyond last. `side` grows; `hint` is probably near.
+fn locate(side: impl Fn(i64) -> Sign, (first, last): (i64, i64), hint: f64) -> Option<(i64, bool)> {
+    // Casts of NaN and of what is out of range end up within the range too.
+    let guess = (hint.floor() as i64).clamp(first, last);
+    let (mut low, mut high) = (first, last);
+    match (side(guess), guess < last) {
+        (Sign::Zero, _) => return Some((guess, true)),
+        (Sign::Negative, true) => match side(guess + 1) {
+            Sign::Positive => return Some((guess, false)),
+            Sign::Zero => return Some((guess + 1, true)),
+            Sign::Negative => low = guess + 1,
+        },
+        (Sign::Negative, false) => return None,
+        (Sign::Positive, _) => high = guess,
+    }
+    // Now search [low, high]: beyond last, or before first, there is nothing.
+    match (side(low), side(high)) {
+        (Sign::Zero, _) => return Some((low, true)),
+        (_, Sign::Zero) => return Some((high, true)),
+        (Sign::Positive, _) | (_, Sign::Negative) => return None,
+        _ => {}
+    }
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        match side(middle) {
+            Sign::Negative => low = middle,
+            Sign::Zero => return Some((middle, true)),
+            Sign::Positive => high = middle,
+        }
+    }
+    Some((low, false))
+}
+
+/// The sign of a value known to within `bound`.
+#[inline]
+fn settle<K: Kernel>(value: f64, bound: f64) -> Option<Sign> {
+    let sign = if value > bound {
+        Sign::Positive
+    } else if value < -bound {
+        Sign::Negative
+    } else {
+        return None;
+    };
+    K::settled();
+    Some(sign)
+}
