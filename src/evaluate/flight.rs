@@ -9,7 +9,7 @@ use std::{fmt, str::FromStr};
 use glam::DVec3;
 use thiserror::Error;
 
-use crate::terrain::synthetic::mix;
+use super::dice::Dice;
 
 /// Greatest number of frames of a flight.
 pub const MAX_FRAMES: usize = 1_000_000;
@@ -152,8 +152,9 @@ impl Plan {
         if frames > MAX_FRAMES {
             return Err(FlightError::TooLong(frames));
         }
-        let mut dice = Dice { state: mix(seed) };
-        let path = Path { area_m, frames, step_s: 1.0 / rate_hz, heading: dice.heading(), start: dice.place(area_m) };
+        let mut dice = Dice::new(seed);
+        let path =
+            Path { area_m, frames, step_s: 1.0 / rate_hz, heading: dice.heading(), start: dice.place(area_m, 0.2) };
         let ground = if preset == Preset::Teleport { Ground::EachFrame } else { Ground::Smoothed };
         let (eyes, looks) = match preset {
             Preset::Straight => path.ahead(FAST_M_S, 150.0, 3_000.0, |_| 0.0),
@@ -357,7 +358,7 @@ impl Path {
     fn teleport(&self, dice: &mut Dice, stay: usize) -> (Vec<Waypoint>, Vec<Waypoint>) {
         let (mut eyes, mut looks) = (Vec::new(), Vec::new());
         while eyes.len() < self.frames {
-            let (at, heading) = (dice.place(self.area_m), dice.heading());
+            let (at, heading) = (dice.place(self.area_m, 0.2), dice.heading());
             let eye = Waypoint { x_m: at[0], y_m: at[1], z_m: 60.0 };
             let look = Waypoint { x_m: at[0] + 2_000.0 * heading[0], y_m: at[1] + 2_000.0 * heading[1], z_m: 10.0 };
             for _ in 0..stay.min(self.frames - eyes.len()) {
@@ -378,35 +379,6 @@ fn rotate(v: [f64; 2], angle: f64) -> [f64; 2] {
     [turned[0] / length, turned[1] / length]
 }
 
-/// A seeded sequence of choices.
-struct Dice {
-    state: u64,
-}
-
-impl Dice {
-    /// A number in [0, 1).
-    fn fraction(&mut self) -> f64 {
-        self.state = mix(self.state);
-        (self.state >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// A unit vector.
-    fn heading(&mut self) -> [f64; 2] {
-        loop {
-            let v = [2.0 * self.fraction() - 1.0, 2.0 * self.fraction() - 1.0];
-            let square = v[0] * v[0] + v[1] * v[1];
-            if square > 0.01 && square <= 1.0 {
-                return v.map(|c| c / square.sqrt());
-            }
-        }
-    }
-
-    /// A place in the middle six tenths of a rectangle.
-    fn place(&mut self, [low, high]: [[f64; 2]; 2]) -> [f64; 2] {
-        [0, 1].map(|axis| low[axis] + (0.2 + 0.6 * self.fraction()) * (high[axis] - low[axis]))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -420,7 +392,7 @@ mod tests {
     #[test]
     fn a_viewpoint_looks_where_it_should_with_up_upward() {
         for seed in 0..2_000 {
-            let mut dice = Dice { state: seed };
+            let mut dice = Dice::new(seed);
             let mut v = || DVec3::new(dice.fraction(), dice.fraction(), dice.fraction()) * 2.0 - DVec3::ONE;
             let (eye, look) = (v() * 1e4, v() * 1e4);
             let view = viewpoint(eye, look).unwrap();

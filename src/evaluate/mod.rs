@@ -1,3 +1,9 @@
 //! Flights, metrics and the consistency comparison.
 
+pub mod consistency;
+pub mod dice;
 pub mod flight;
+pub mod oracle;
+pub mod record;
+pub mod sabotage;
+pub mod scenario;
