@@ -5,6 +5,10 @@
 //! 4 environment. A BLOCKED verdict is 0.
 
 pub mod args;
+mod info;
+mod ingest;
+mod progress;
+mod verify;
 
 use std::{ffi::OsString, fmt::Display, process::ExitCode};
 
@@ -38,7 +42,11 @@ pub struct Context {
 }
 
 #[derive(Subcommand, Debug)]
-enum Verb {}
+enum Verb {
+    Ingest(ingest::Args),
+    Info(info::Args),
+    Verify(verify::Args),
+}
 
 /// Why a verb did not end well: what to tell the user, and the exit status.
 #[derive(Debug)]
@@ -98,7 +106,11 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 impl Verb {
-    fn run(self, _context: &Context) -> Result<(), Failure> {
-        match self {}
+    fn run(self, context: &Context) -> Result<(), Failure> {
+        match self {
+            Self::Ingest(args) => args.run(context),
+            Self::Info(args) => args.run(context),
+            Self::Verify(args) => args.run(context),
+        }
     }
 }

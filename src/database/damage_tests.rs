@@ -110,12 +110,12 @@ fn every_flipped_byte_is_found_and_none_gives_a_wrong_height() {
     let field = terrain(68, 21, 3, 1, true);
     let (bytes, done) = written(&field, usize::MAX);
     assert!(done);
-    let sound = verify_source(Bytes::boxed(&bytes), &|_| ()).unwrap();
+    let sound = verify_source(Bytes::boxed(&bytes), &|_, _| ()).unwrap();
     assert!(sound.damage.is_empty() && sound.good_pages == sound.pages, "{sound:?}");
     for at in 0..bytes.len() {
         let mut bad = bytes.clone();
         bad[at] ^= 1 << (at % 8);
-        let Ok(verification) = verify_source(Bytes::boxed(&bad), &|_| ()) else {
+        let Ok(verification) = verify_source(Bytes::boxed(&bad), &|_, _| ()) else {
             assert!(Database::open_whole(Bytes::boxed(&bad), NO_CACHE).is_err(), "byte {at}");
             continue;
         };
@@ -138,7 +138,7 @@ fn damage_to_one_page_fails_the_queries_that_meet_it_and_no_others() {
     let id = paging.id(5);
     let error = database.page(id).unwrap_err().to_string();
     assert!(error.contains(&format!("page ({}, {}) of heights", id.pi, id.pj)), "{error}");
-    let found = verify_source(Bytes::boxed(&bytes), &|_| ()).unwrap();
+    let found = verify_source(Bytes::boxed(&bytes), &|_, _| ()).unwrap();
     assert_eq!((found.damage.len(), found.pages - found.good_pages), (1, 1), "{found:?}");
     assert!(error.contains(found.damage[0].split(':').next().unwrap()), "{error} {found:?}");
 }
@@ -151,7 +151,7 @@ fn a_file_cut_at_any_length_is_refused_and_verify_names_what_is_gone() {
         let cut = || Bytes::boxed(&bytes[..length]);
         let error = Database::open_whole(cut(), NO_CACHE).unwrap_err();
         assert!(error.is_damage() || length == 0, "{length}: {error}");
-        if let Ok(found) = verify_source(cut(), &|_| ()) {
+        if let Ok(found) = verify_source(cut(), &|_, _| ()) {
             assert!(found.damage.len() >= 2 && found.good_pages < found.pages, "{length}: {found:?}");
         }
     }
@@ -295,7 +295,7 @@ fn lying_tables_are_refused() {
         let mut bad = bytes.clone();
         bad[..front.len()].copy_from_slice(&front);
         // A lattice of odd size has room for one column more: opening cannot tell, the terrain version does.
-        let refused = match verify_source(Bytes::boxed(&bad), &|_| ()) {
+        let refused = match verify_source(Bytes::boxed(&bad), &|_, _| ()) {
             Ok(found) => !found.damage.is_empty() && field_number == 0,
             Err(_) => true,
         };

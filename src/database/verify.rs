@@ -34,14 +34,14 @@ pub struct Verification {
 /// Checks the database at `path`: every page, every checksum, the terrain version, and what the manifest says of the
 /// heights. An error means that its front matter is no longer (or never was) that of a database.
 ///
-/// `progress` is told how many pages more were checked, from any thread.
-pub fn verify(path: &Path, progress: &(dyn Fn(u64) + Sync)) -> Result<Verification, OpenError> {
+/// `progress` is told how many pages more were checked, and how many there are in all, from any thread.
+pub fn verify(path: &Path, progress: &(dyn Fn(u64, u64) + Sync)) -> Result<Verification, OpenError> {
     verify_source(Box::new(FileSource::new(std::fs::File::open(path)?)), progress)
 }
 
 pub(super) fn verify_source(
     source: Box<dyn PageSource>,
-    progress: &(dyn Fn(u64) + Sync),
+    progress: &(dyn Fn(u64, u64) + Sync),
 ) -> Result<Verification, OpenError> {
     let database = Database::open_source(source, OpenOptions { cache_bytes: 8 << 20 })?;
     let mut found = Verification { bytes: database.file_bytes, ..Verification::default() };
@@ -52,6 +52,8 @@ pub(super) fn verify_source(
     let terrain = database.manifest.terrain.hashed_bytes();
     hash.update(&terrain.map_err(|e| OpenError::damaged("manifest", e.to_string()))?);
     let mut heights = None;
+    let total = database.sections.iter().map(|s| s.pages).sum();
+    let progress = |more| progress(more, total);
     for (number, section) in database.sections.iter().enumerate() {
         let Some(paging) = Paging::of_section(section).filter(|_| !matches!(section.kind, Kind::Other(_))) else {
             if let Kind::Other(_) = section.kind {
@@ -60,7 +62,7 @@ pub(super) fn verify_source(
             continue;
         };
         let blocks = (0..directory::blocks(section.pages)).into_par_iter();
-        let seen = blocks.map(|n| check_block(&database, number, &paging, n, progress));
+        let seen = blocks.map(|n| check_block(&database, number, &paging, n, &progress));
         let seen = seen.collect::<Vec<_>>().into_iter().fold(Seen::start_of(section), Seen::followed_by);
         if seen.end != section.offset + section.length && seen.damage.is_empty() {
             found.damage.push(format!("the pages of {} do not fill it", section.name()));

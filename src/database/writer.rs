@@ -73,6 +73,11 @@ impl Sink for File {
     }
 }
 
+/// Refuses an output that exists, unless it is to be replaced.
+pub(super) fn refuse_existing(path: &Path, replace: bool) -> Result<(), WriteError> {
+    if !replace && path.exists() { Err(WriteError::Exists(path.into())) } else { Ok(()) }
+}
+
 /// Lets `fill` write a new file beside `path`, and moves it there once it is on the disk.
 pub(super) fn publish<T>(
     path: &Path,
@@ -80,9 +85,7 @@ pub(super) fn publish<T>(
     fill: impl FnOnce(&mut File) -> Result<T, WriteError>,
 ) -> Result<T, WriteError> {
     let io_error = |error| WriteError::Io { path: path.into(), error };
-    if !replace && path.exists() {
-        return Err(WriteError::Exists(path.into()));
-    }
+    refuse_existing(path, replace)?;
     let name = path.file_name().ok_or_else(|| io_error(io::Error::other("it is not the name of a file")))?;
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let beside = folder.join(format!(".{}.{}.partial", name.to_string_lossy(), std::process::id()));
