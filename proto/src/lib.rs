@@ -14,6 +14,9 @@ pub mod predicates;
 pub mod replica;
 pub mod verdict;
 
+/// The id that no sight line may have: frames use it for the requirement that the eye is not under its own mesh.
+pub const EYE_LINE_ID: u64 = u64::MAX;
+
 /// Messages and services of package `sightline.v1`, generated from `sightline/v1/*.proto`.
 #[allow(missing_docs, unreachable_pub, clippy::all)]
 pub mod v1 {
