@@ -1,1 +1,343 @@
-//! A view's life: pose in, frame out. Without I/O.
+//! A view's life: events in, messages out. Without I/O, threads or clocks, so that a list of events replays it.
+//!
+//! A [`View`] holds the newest of what it was told: pose, settings, exercise. When a frame is due and fewer than
+//! [`MAX_UNACKNOWLEDGED`] are unacknowledged, [`View::produce`] makes it from that state, as a change against the last
+//! frame sent. So a slow client never makes a queue; it gets fewer frames, each of the newest state.
+
+mod describe;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+};
+
+use sightline_proto::{
+    diamond::Post,
+    replica::{MeshError as ReplicaError, Replica, TerrainError},
+    v1::{self, stream_scene_response::Response},
+    verdict::MeshVerdict,
+};
+use thiserror::Error;
+
+pub use describe::{Details, describe};
+pub use settings::{MAX_SUBSCRIBED_IDS, MAX_TRIANGLES, MIN_TRIANGLES, Pose, Settings, SettingsError, Subscription};
+
+use crate::{
+    exercise::{EYE_LINE_ID, Exercise, LineState},
+    los::{self, LosError, Verdict},
+    roam::{Fidelity, MeshError, RequiredLine, Terrain, ViewMesh},
+    terrain::{ReadError, SceneScale},
+    view::Camera,
+};
+
+/// Frames of a view that may be unacknowledged.
+pub const MAX_UNACKNOWLEDGED: u64 = 3;
+
+/// What a view is told.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// A pose, an acknowledgement, new settings, or some of these.
+    Steer(v1::SteerView),
+    /// The client lost its place.
+    Snapshot(v1::RequestSnapshot),
+    /// The exercise has a new epoch.
+    Exercise(Arc<Exercise>),
+}
+
+/// Why an event was refused: the client's defect. The view is as it was.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum EventError {
+    /// Settings or pose.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The acknowledgement of a frame that was never sent.
+    #[error("frame {acknowledged} is acknowledged, but the last frame sent is {sent}")]
+    Acknowledged {
+        /// The frame.
+        acknowledged: u64,
+        /// The last frame sent.
+        sent: u64,
+    },
+    /// A pose whose number is not greater than the last one's.
+    #[error("pose {found} comes after pose {last}: numbers of poses must grow")]
+    PoseSequence {
+        /// The pose's number.
+        found: u64,
+        /// The number of the pose before.
+        last: u64,
+    },
+}
+
+/// Why a frame could not be made: the server's defect or its terrain's.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum FrameError {
+    /// The refinement.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// The requirement of the eye.
+    #[error("the line of sight at the eye: {0}")]
+    Eye(#[from] LosError),
+    /// A height that no frame can carry.
+    #[error("height {height} of post ({i}, {j}) is not an integer of 32 bits: ingest the terrain first", i = post.i, j = post.j)]
+    Height {
+        /// The post.
+        post: Post,
+        /// Its height.
+        height: f64,
+    },
+    /// What was refined is no mesh.
+    #[error("the refined mesh is none: {0}")]
+    Replica(#[from] ReplicaError),
+}
+
+/// What a frame is made from.
+struct Wanted {
+    settings: Settings,
+    pose: Pose,
+    camera: Camera,
+    pose_sequence: u64,
+    exercise: Option<Arc<Exercise>>,
+}
+
+/// One view of a terrain.
+pub struct View<T: Terrain> {
+    terrain: Arc<T>,
+    scale: SceneScale,
+    mesh: ViewMesh<T>,
+    wanted: Wanted,
+    frame_due: bool,
+    snapshot_due: bool,
+    /// The mesh of two triangles that all others start from.
+    coarsest: Replica,
+    /// The mesh of the last frame sent.
+    sent: Replica,
+    unsatisfied: BTreeSet<u64>,
+    acknowledged: u64,
+    /// The epoch of the last update sent, and of each line in it the epoch since which it is so.
+    announced: Option<u64>,
+    announced_lines: BTreeMap<u64, u64>,
+}
+
+impl<T: Terrain> View<T> {
+    /// Opens a view of `terrain`, which `description` describes, with the exercise as it is now.
+    pub fn open(
+        terrain: Arc<T>,
+        scale: SceneScale,
+        description: &v1::TerrainDescription,
+        settings: Settings,
+        pose: Pose,
+        exercise: Option<Arc<Exercise>>,
+    ) -> Result<Self, OpenError> {
+        let coarsest = Replica::new(description)?;
+        let camera = settings.camera(&pose)?;
+        let mesh = ViewMesh::new(Arc::clone(&terrain), scale)?;
+        let wanted = Wanted { settings, pose, camera, pose_sequence: 0, exercise };
+        Ok(Self {
+            terrain,
+            scale,
+            mesh,
+            wanted,
+            frame_due: true,
+            snapshot_due: true,
+            sent: coarsest.clone(),
+            coarsest,
+            unsatisfied: BTreeSet::new(),
+            acknowledged: 0,
+            announced: None,
+            announced_lines: BTreeMap::new(),
+        })
+    }
+
+    /// Takes an event, or refuses it and stays as it was.
+    pub fn handle(&mut self, event: Event) -> Result<(), EventError> {
+        match event {
+            Event::Steer(steer) => self.steer(&steer),
+            Event::Snapshot(request) => {
+                self.acknowledge(request.received_sequence)?;
+                (self.snapshot_due, self.frame_due) = (true, true);
+                Ok(())
+            }
+            Event::Exercise(exercise) => {
+                self.wanted.exercise = Some(exercise);
+                self.frame_due = true;
+                Ok(())
+            }
+        }
+    }
+
+    fn steer(&mut self, steer: &v1::SteerView) -> Result<(), EventError> {
+        let pose = steer.pose.as_ref().map(Pose::from_wire).transpose()?;
+        let settings = steer.settings.as_ref().map(Settings::from_wire).transpose()?;
+        let (found, last) = (steer.pose_sequence, self.wanted.pose_sequence);
+        if pose.is_some() && found <= last {
+            return Err(EventError::PoseSequence { found, last });
+        }
+        let camera =
+            settings.as_ref().unwrap_or(&self.wanted.settings).camera(pose.as_ref().unwrap_or(&self.wanted.pose))?;
+        self.acknowledge(steer.applied_sequence)?;
+        self.frame_due |= pose.is_some() || settings.is_some();
+        self.wanted.camera = camera;
+        if let Some(pose) = pose {
+            (self.wanted.pose, self.wanted.pose_sequence) = (pose, found);
+        }
+        if let Some(settings) = settings {
+            self.wanted.settings = settings;
+        }
+        Ok(())
+    }
+
+    fn acknowledge(&mut self, acknowledged: u64) -> Result<(), EventError> {
+        let sent = self.sent.sequence();
+        if acknowledged > sent {
+            return Err(EventError::Acknowledged { acknowledged, sent });
+        }
+        self.acknowledged = self.acknowledged.max(acknowledged);
+        Ok(())
+    }
+
+    /// Whether [`View::produce`] would make a frame now.
+    pub fn is_due(&self) -> bool {
+        self.frame_due && self.sent.sequence() - self.acknowledged < MAX_UNACKNOWLEDGED
+    }
+
+    /// The messages of the next frame in the order in which they must be sent; none when it is not due.
+    pub fn produce(&mut self) -> Result<Vec<Response>, FrameError> {
+        if !self.is_due() {
+            return Ok(Vec::new());
+        }
+        let required = self.required()?;
+        let report = self.mesh.update(&self.wanted.camera, self.wanted.settings.target, &required)?;
+        let sequence = self.sent.sequence() + 1;
+        let mesh = self.coarsest.with_posts(integer_posts(&self.mesh)?, sequence)?;
+        let base = (!self.snapshot_due).then_some(&self.sent);
+        let unsatisfied: BTreeSet<u64> = report.unsatisfied.iter().copied().collect();
+        let before = if self.snapshot_due { BTreeSet::new() } else { std::mem::take(&mut self.unsatisfied) };
+        let frame = v1::Frame {
+            sequence,
+            base_sequence: base.map_or(0, Replica::sequence),
+            pose_sequence: self.wanted.pose_sequence,
+            epoch: self.wanted.exercise.as_ref().map_or(0, |exercise| exercise.epoch()),
+            mesh: mesh.encode(base),
+            triangle_count: mesh.triangle_count(),
+            distortion_bound_px: report.bound_px,
+            mesh_hash: mesh.hash(),
+            now_unsatisfied: unsatisfied.difference(&before).map(|&id| unsatisfied_line(id)).collect(),
+            no_longer_unsatisfied: before.difference(&unsatisfied).copied().collect(),
+        };
+        let update = self.exercise_update();
+        (self.sent, self.unsatisfied) = (mesh, unsatisfied);
+        (self.frame_due, self.snapshot_due) = (false, false);
+        Ok(update.map(Response::Exercise).into_iter().chain([Response::Frame(frame)]).collect())
+    }
+
+    /// The mesh of the last frame.
+    pub fn sent(&self) -> &Replica {
+        &self.sent
+    }
+
+    /// The lines that the view is subscribed to.
+    fn lines(&self) -> impl Iterator<Item = &LineState> {
+        let subscription = &self.wanted.settings.subscription;
+        let lines = self.wanted.exercise.iter().flat_map(|exercise| exercise.sight_lines());
+        lines.filter(|state| subscription.contains(state.line.id))
+    }
+
+    /// What the mesh must honour: the lines that have ends, and the eye.
+    fn required(&self) -> Result<Vec<RequiredLine>, LosError> {
+        let mut required: Vec<_> = self.lines().filter_map(required_line).collect();
+        if self.wanted.settings.subscription != Subscription::None {
+            let eye = self.scale.grid_from_scene(self.wanted.pose.eye_m).to_array();
+            let answer = los::line_of_sight(&*self.terrain, eye, eye, los::Options::default())?;
+            // Only an eye in the open asks for something: it must not be under its own mesh. It comes after all
+            // registered lines, so that it takes no triangles from them.
+            if answer.verdict == Verdict::Visible {
+                let (verdict, fidelity) = (Some(MeshVerdict::Visible), Fidelity::Verdict);
+                required.push(RequiredLine { id: EYE_LINE_ID, a: eye, b: eye, verdict, fidelity, priority: u32::MAX });
+            }
+        }
+        Ok(required)
+    }
+
+    /// What the client does not know of its lines, if anything.
+    fn exercise_update(&mut self) -> Option<v1::ExerciseUpdate> {
+        let epoch = self.wanted.exercise.as_ref()?.epoch();
+        let now: BTreeMap<u64, u64> = self.lines().map(|state| (state.line.id, state.since_epoch)).collect();
+        let known = &self.announced_lines;
+        let changed: Vec<_> = self
+            .lines()
+            .filter(|state| known.get(&state.line.id) != Some(&state.since_epoch))
+            .map(line_to_wire)
+            .collect();
+        let removed: Vec<_> = known.keys().filter(|id| !now.contains_key(id)).copied().collect();
+        if self.announced == Some(epoch) && changed.is_empty() && removed.is_empty() {
+            return None;
+        }
+        (self.announced, self.announced_lines) = (Some(epoch), now);
+        Some(v1::ExerciseUpdate { epoch, changed, removed })
+    }
+}
+
+/// Why a view could not be opened.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum OpenError {
+    /// What the client asked for.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// A terrain that no frame can carry.
+    #[error(transparent)]
+    Terrain(#[from] TerrainError),
+    /// The terrain could not be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+}
+
+/// The active posts with the heights that a frame carries.
+fn integer_posts<T: Terrain>(mesh: &ViewMesh<T>) -> Result<Vec<(Post, i32)>, FrameError> {
+    let exact = |(post, height): (Post, f64)| {
+        // Saturates and rounds; what does not come back was no integer of 32 bits.
+        let integer = height as i32;
+        if f64::from(integer) == height { Ok((post, integer)) } else { Err(FrameError::Height { post, height }) }
+    };
+    mesh.active_posts().into_iter().map(exact).collect()
+}
+
+fn unsatisfied_line(id: u64) -> v1::UnsatisfiedLine {
+    v1::UnsatisfiedLine { id, reason: v1::UnsatisfiedReason::Budget.into() }
+}
+
+fn required_line(state: &LineState) -> Option<RequiredLine> {
+    let [a, b] = state.resolved?;
+    let verdict = match state.verdict {
+        Verdict::Visible => Some(MeshVerdict::Visible),
+        Verdict::Blocked => Some(MeshVerdict::Blocked),
+        Verdict::Unknown => None,
+    };
+    let (id, fidelity, priority) = (state.line.id, state.line.fidelity, state.line.priority);
+    Some(RequiredLine { id, a, b, verdict, fidelity, priority })
+}
+
+/// A sight line at its epoch as a message.
+pub fn line_to_wire(state: &LineState) -> v1::SightLineState {
+    let position = |[x, y, z]: [f64; 3]| Some(v1::Position { x, y, z });
+    let (verdict, unknown_reason) = match (state.verdict, state.resolved) {
+        (Verdict::Visible, _) => (v1::Verdict::Visible, v1::UnknownReason::Unspecified),
+        (Verdict::Blocked, _) => (v1::Verdict::Blocked, v1::UnknownReason::Unspecified),
+        (Verdict::Unknown, Some(_)) => (v1::Verdict::Unknown, v1::UnknownReason::UnknownGround),
+        (Verdict::Unknown, None) => (v1::Verdict::Unknown, v1::UnknownReason::NoGround),
+    };
+    let fidelity = match state.line.fidelity {
+        Fidelity::Verdict => v1::Fidelity::Verdict,
+        Fidelity::Wedgie => v1::Fidelity::Wedgie,
+        Fidelity::Profile => v1::Fidelity::Profile,
+    };
+    v1::SightLineState {
+        id: state.line.id,
+        resolved: state.resolved.map(|[a, b]| v1::Segment { a: position(a), b: position(b) }),
+        verdict: verdict.into(),
+        unknown_reason: unknown_reason.into(),
+        fidelity: fidelity.into(),
+    }
+}
