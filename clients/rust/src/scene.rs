@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use sightline_proto::{
+    EYE_LINE_ID,
     replica::{ApplyError, Replica, TerrainError},
     v1,
     verdict::{MeshVerdict, verdict_on_mesh},
@@ -184,12 +185,17 @@ impl SceneState {
             }
         }
         for line in &frame.now_unsatisfied {
-            if !self.lines.contains_key(&line.id) {
+            if line.id != EYE_LINE_ID && !self.lines.contains_key(&line.id) {
                 return error(line.id, "is not known");
             }
             names.insert(line.id, line.reason());
         }
         Ok(names)
+    }
+
+    /// Allows frames of up to `max_triangles`, and still those that were allowed before: some may be under way.
+    pub fn allow_triangles(&mut self, max_triangles: u32) {
+        self.max_triangles = self.max_triangles.max(max_triangles);
     }
 
     /// The terrain.
@@ -217,7 +223,7 @@ impl SceneState {
         &self.lines
     }
 
-    /// The lines that the last frame names as unsatisfied, by id.
+    /// The lines that the last frame names as unsatisfied, by id; [`EYE_LINE_ID`] stands for the viewer's eye.
     pub fn unsatisfied(&self) -> &BTreeMap<u64, v1::UnsatisfiedReason> {
         &self.unsatisfied
     }
