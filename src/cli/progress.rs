@@ -54,13 +54,9 @@ impl Progress {
         if step.name != name {
             let now = Instant::now();
             *step = Step { name: name.into(), started: now, next_line: now + FIRST_LINE };
-            match &mut self.output {
-                Output::Bar(bar) => {
-                    bar.finish_and_clear();
-                    *bar = new_bar(name, self.unit, total);
-                }
-                Output::Lines if total == 0 => eprintln!("{name}"),
-                Output::Lines | Output::Nothing => {}
+            if let Output::Bar(bar) = &mut self.output {
+                bar.finish_and_clear();
+                *bar = new_bar(name, self.unit, total);
             }
         }
         self.at(done, total);

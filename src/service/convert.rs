@@ -1,0 +1,124 @@
+//! Messages to domain types and back. Unknown enum values are refused, unset ones have the meaning that the proto says.
+
+use sightline_proto::v1;
+use tonic::Status;
+
+use crate::{
+    exercise::{Altitude, Anchor, Change, Entity, Frame, LineState, Place, SightLine},
+    los::Verdict,
+    roam::Fidelity,
+};
+
+fn unknown(what: &str, value: i32) -> Status {
+    Status::invalid_argument(format!("{what} {value} is none that this server knows"))
+}
+
+fn missing(what: &str) -> Status {
+    Status::invalid_argument(format!("{what} is missing"))
+}
+
+/// Puts before an error what it is about.
+fn of(what: &str, id: u64, status: &Status) -> Status {
+    Status::new(status.code(), format!("{what} {id}: {}", status.message()))
+}
+
+pub(super) fn frame(value: i32) -> Result<Frame, Status> {
+    use v1::CoordinateFrame as Wire;
+    Ok(match Wire::try_from(value).map_err(|_| unknown("coordinate frame", value))? {
+        Wire::Grid => Frame::Grid,
+        Wire::Unspecified | Wire::Map => Frame::Map,
+        Wire::Geographic => Frame::Geographic,
+        Wire::Scene => Frame::Scene,
+    })
+}
+
+pub(super) fn altitude(value: i32) -> Result<Altitude, Status> {
+    use v1::AltitudeReference as Wire;
+    Ok(match Wire::try_from(value).map_err(|_| unknown("altitude reference", value))? {
+        Wire::Unspecified | Wire::Absolute => Altitude::Absolute,
+        Wire::AboveGround => Altitude::AboveGround,
+    })
+}
+
+pub(super) fn place(position: Option<v1::Position>, frame_value: i32, altitude_value: i32) -> Result<Place, Status> {
+    let v1::Position { x, y, z } = position.ok_or_else(|| missing("position"))?;
+    Ok(Place { position: [x, y, z], frame: frame(frame_value)?, altitude: altitude(altitude_value)? })
+}
+
+pub(super) fn end(end: Option<v1::SightLineEnd>, what: &str) -> Result<Place, Status> {
+    let end = end.ok_or_else(|| missing(what))?;
+    let named = |status: Status| Status::new(status.code(), format!("{what}: {}", status.message()));
+    place(end.position, end.frame, end.altitude).map_err(named)
+}
+
+fn anchor(anchor: Option<v1::Anchor>, what: &str) -> Result<Anchor, Status> {
+    match anchor.and_then(|anchor| anchor.anchor).ok_or_else(|| missing(what))? {
+        v1::anchor::Anchor::Entity(v1::EntityAnchor { entity_id, height_offset_m }) => {
+            Ok(Anchor::Entity { id: entity_id, offset_m: height_offset_m })
+        }
+        v1::anchor::Anchor::Point(point) => Ok(Anchor::Point(place(point.position, point.frame, point.altitude)?)),
+    }
+}
+
+fn sight_line(line: &v1::SightLine) -> Result<SightLine, Status> {
+    use v1::Fidelity as Wire;
+    let fidelity = match Wire::try_from(line.fidelity).map_err(|_| unknown("fidelity", line.fidelity))? {
+        Wire::Unspecified | Wire::Verdict => Fidelity::Verdict,
+        Wire::Wedgie => Fidelity::Wedgie,
+        Wire::Profile => Fidelity::Profile,
+    };
+    let (a, b) = (anchor(line.a, "end a")?, anchor(line.b, "end b")?);
+    Ok(SightLine { id: line.id, a, b, fidelity, priority: line.priority })
+}
+
+fn entity(entity: &v1::Entity) -> Result<Entity, Status> {
+    Ok(Entity { id: entity.id, place: place(entity.position, entity.frame, entity.altitude)? })
+}
+
+pub(super) fn change(request: &v1::ChangeExerciseRequest) -> Result<Change, Status> {
+    let entities = request.put_entities.iter().map(|e| entity(e).map_err(|s| of("entity", e.id, &s)));
+    let lines = request.put_sight_lines.iter().map(|l| sight_line(l).map_err(|s| of("sight line", l.id, &s)));
+    Ok(Change {
+        remove_entities: request.remove_entities.clone(),
+        remove_sight_lines: request.remove_sight_lines.clone(),
+        put_entities: entities.collect::<Result<_, _>>()?,
+        put_sight_lines: lines.collect::<Result<_, _>>()?,
+    })
+}
+
+pub(super) fn position_to_wire([x, y, z]: [f64; 3]) -> v1::Position {
+    v1::Position { x, y, z }
+}
+
+pub(super) fn entity_to_wire(entity: &Entity) -> v1::Entity {
+    let frame = match entity.place.frame {
+        Frame::Grid => v1::CoordinateFrame::Grid,
+        Frame::Map => v1::CoordinateFrame::Map,
+        Frame::Geographic => v1::CoordinateFrame::Geographic,
+        Frame::Scene => v1::CoordinateFrame::Scene,
+    };
+    let altitude = match entity.place.altitude {
+        Altitude::Absolute => v1::AltitudeReference::Absolute,
+        Altitude::AboveGround => v1::AltitudeReference::AboveGround,
+    };
+    v1::Entity {
+        id: entity.id,
+        position: Some(position_to_wire(entity.place.position)),
+        frame: frame.into(),
+        altitude: altitude.into(),
+    }
+}
+
+pub(super) fn line_to_wire(state: &LineState) -> v1::SightLineState {
+    crate::session::line_to_wire(state)
+}
+
+/// A verdict, and why it is UNKNOWN where it is; `None`: there is no ground to stand on.
+pub(super) fn verdict_to_wire(verdict: Option<Verdict>) -> (v1::Verdict, v1::UnknownReason) {
+    match verdict {
+        Some(Verdict::Visible) => (v1::Verdict::Visible, v1::UnknownReason::Unspecified),
+        Some(Verdict::Blocked) => (v1::Verdict::Blocked, v1::UnknownReason::Unspecified),
+        Some(Verdict::Unknown) => (v1::Verdict::Unknown, v1::UnknownReason::UnknownGround),
+        None => (v1::Verdict::Unknown, v1::UnknownReason::NoGround),
+    }
+}
