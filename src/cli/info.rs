@@ -159,8 +159,11 @@ fn scale_error(database: &Database) -> Option<[f64; 2]> {
     let scale = database.scale();
     let grid = database.grid();
     let mut worst = [0.0_f64; 2];
-    for j in [0, grid.ny() - 1] {
-        let origin = place.map_from_grid(0.0, f64::from(j));
+    let last = f64::from(grid.ny() - 1);
+    let [_, equator] = place.grid_from_map(0.0, 0.0);
+    // Both lengths of a degree grow or shrink steadily from the equator to the poles.
+    for j in [0.0, equator.clamp(0.0, last), last] {
+        let origin = place.map_from_grid(0.0, j);
         let there = Georeference { origin, ..place }.scene_scale(1, 1, scale.up_m);
         for (worst, error) in worst.iter_mut().zip([scale.east_m / there.east_m, scale.north_m / there.north_m]) {
             let error = error - 1.0;

@@ -54,9 +54,13 @@ impl Progress {
         if step.name != name {
             let now = Instant::now();
             *step = Step { name: name.into(), started: now, next_line: now + FIRST_LINE };
-            if let Output::Bar(bar) = &mut self.output {
-                bar.finish_and_clear();
-                *bar = new_bar(name, self.unit, total);
+            match &mut self.output {
+                Output::Bar(bar) => {
+                    bar.finish_and_clear();
+                    *bar = new_bar(name, self.unit, total);
+                }
+                Output::Lines if total == 0 => eprintln!("{name}"),
+                Output::Lines | Output::Nothing => {}
             }
         }
         self.at(done, total);

@@ -61,8 +61,8 @@ impl<V: Clone> Cache<V> {
     }
 
     fn shard(&self, key: u64) -> MutexGuard<'_, Shard<V>> {
-        // Neighbouring numbers fall into different shards, whatever the section in the upper bits.
-        let n = (key ^ (key >> 48)) as usize % SHARDS;
+        // The high bits of a product with an odd constant (Knuth's multiplicative hash): all bits of the key count.
+        let n = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % SHARDS;
         // A thread that panicked while it held the lock left a valid shard: all steps keep it so.
         self.shards[n].lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -83,6 +83,8 @@ impl<V> Shard<V> {
         if let Some(moved) = self.slots.get(self.hand) {
             self.index.insert(moved.key, self.hand);
         }
+        // The last slot, the newest page, now lies here: the hand comes to it last.
+        self.hand += 1;
     }
 }
 
@@ -114,12 +116,12 @@ mod tests {
     #[test]
     fn what_is_used_outlives_what_is_not() {
         let cache = Cache::new(SHARDS * 4);
-        let keys: Vec<u64> = (0..100).map(|n| n * SHARDS as u64).collect();
-        cache.insert(keys[0], 0, 1);
-        for &key in &keys[1..] {
-            assert_eq!(cache.get(keys[0]), Some(0));
+        cache.insert(0, 7, 1);
+        for key in 1..2000 {
+            assert_eq!(cache.get(0), Some(7), "{key}");
             cache.insert(key, 0, 1);
         }
+        assert_eq!((1..100).find_map(|key| cache.get(key)), None);
     }
 
     #[test]

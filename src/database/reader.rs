@@ -65,9 +65,15 @@ enum Cached {
     Directory(Arc<[Entry]>),
 }
 
-/// Keys of the cache: the section above, then the number of a page or (with this bit) of a directory block.
-const SECTION_SHIFT: u32 = 52;
-const DIRECTORY_BIT: u64 = 1 << 51;
+/// Keys of the cache: the section, then the row and column of a page (25 bits each) or, with a bit of its own, the
+/// number of a directory block. The place in the file is not needed as long as the cache has the page.
+fn page_key(section: usize, id: PageId) -> u64 {
+    (section as u64) << 56 | u64::from(id.pj) << 25 | u64::from(id.pi)
+}
+
+fn block_key(section: usize, n: u64) -> u64 {
+    (section as u64) << 56 | 1 << 55 | n
+}
 
 impl Database {
     /// Opens the database at `path`: reads its header, table of sections and manifest, and no page.
@@ -181,13 +187,12 @@ impl Database {
     }
 
     fn bounds_page(&self, section: usize, id: PageId) -> Result<Arc<BoundsPage>, ReadError> {
-        let paging = Paging::of_lattice(self.sections[section].columns, self.sections[section].rows);
-        let n = paging.number(id);
-        let key = (section as u64) << SECTION_SHIFT | n;
+        let key = page_key(section, id);
         if let Some(Cached::Bounds(page)) = self.cache.get(key) {
             return Ok(page);
         }
-        let (bytes, _) = self.page_bytes(section, &paging, n)?;
+        let paging = Paging::of_lattice(self.sections[section].columns, self.sections[section].rows);
+        let (bytes, _) = self.page_bytes(section, &paging, paging.number(id))?;
         let page = pages::decode_bounds(&bytes, paging.size(id)).map_err(|e| self.damaged(section, id, e))?;
         let page = Arc::new(page);
         self.cache.insert(key, Cached::Bounds(Arc::clone(&page)), page.weight());
@@ -217,7 +222,7 @@ impl Database {
 
     /// Block `n` of the directory of a section.
     pub(super) fn directory_block(&self, section: usize, n: u64) -> Result<Arc<[Entry]>, ReadError> {
-        let key = (section as u64) << SECTION_SHIFT | DIRECTORY_BIT | n;
+        let key = block_key(section, n);
         if let Some(Cached::Directory(block)) = self.cache.get(key) {
             return Ok(block);
         }
@@ -244,13 +249,12 @@ impl HeightField for Database {
     }
 
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
-        let paging = Paging::of_heights(self.grid.nx(), self.grid.ny());
-        let n = paging.number(id);
-        let key = (self.heights as u64) << SECTION_SHIFT | n;
+        let key = page_key(self.heights, id);
         if let Some(Cached::Heights(page)) = self.cache.get(key) {
             return Ok(page);
         }
-        let (bytes, entry) = self.page_bytes(self.heights, &paging, n)?;
+        let paging = Paging::of_heights(self.grid.nx(), self.grid.ny());
+        let (bytes, entry) = self.page_bytes(self.heights, &paging, paging.number(id))?;
         let element = self.sections[self.heights].element;
         let page = pages::decode_heights(&bytes, element, paging.size(id), entry.flags)
             .map_err(|e| self.damaged(self.heights, id, e))?;

@@ -6,7 +6,7 @@ use sightline_proto::diamond::Post;
 
 use super::*;
 use crate::{
-    terrain::{Grid, HeightField, MemoryField, Posts, ReadError, SceneScale, synthetic},
+    terrain::{Georeference, Grid, HeightField, MemoryField, PageId, Posts, ReadError, SceneScale, synthetic},
     wedgie::{BoundsPyramid, DiamondBounds, ErrorBounds, MemoryTerrain},
 };
 
@@ -131,4 +131,49 @@ fn heights_that_a_database_cannot_hold_are_refused() {
     let nothing = MemoryField::from_fn(5, 4, |_, _| None).unwrap();
     assert!(matches!(attempt(nothing), WriteError::AllVoid { posts: 20 }));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn threads_that_share_a_small_cache_read_what_one_reads() {
+    use rayon::prelude::*;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let field = terrain(300, 260, 12, 1, true);
+    write_to(&path, &field);
+    let database = Database::open(&path, OpenOptions { cache_bytes: 400_000 }).unwrap();
+    let memory = MemoryTerrain::new(field, SCALE).unwrap();
+    (0..20_000_u64).into_par_iter().for_each(|n| {
+        let random = synthetic::mix(n);
+        let p = Post::new(random as u32 % 300, (random >> 32) as u32 % 260);
+        let post = |t: &dyn HeightField| t.page(PageId::of(p)).unwrap().at(p.i % 64, p.j % 64);
+        assert_eq!(post(&database), post(&memory), "{p:?}");
+        if p != Post::new(0, 0) {
+            assert_eq!(database.bounds(p), memory.bounds(p), "{p:?}");
+        }
+    });
+}
+
+/// A database that format version 1 began with is read as it was meant. With SIGHTLINE_WRITE_GOLDEN set, it is
+/// written anew instead: for a new format version, beside the old file.
+#[test]
+fn the_golden_database_is_read_as_it_was_written() {
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/terrain-20x13-v1.sldb");
+    let field = terrain(20, 13, 77, 1, true);
+    let place = Georeference { epsg: Some(32633), geographic: false, origin: [5e5, 5.5e6], step: [80.0, 92.5] };
+    let provenance = Provenance { sources: vec!["synthetic".into()], ..Provenance::default() };
+    let described = Description { georeference: Some(place), provenance, ..description() };
+    if std::env::var_os("SIGHTLINE_WRITE_GOLDEN").is_some() {
+        let bounds = BoundsPyramid::compute(&field, SCALE).unwrap();
+        write(&golden, true, &field, &bounds, &described, &mut |_| ()).unwrap();
+    }
+    assert!(verify(&golden, &|_, _| ()).unwrap().damage.is_empty());
+    let database = Database::open(&golden, OpenOptions::default()).unwrap();
+    let (heights, bounds) = everything(&database).unwrap();
+    let (expected, recomputed) = everything(&MemoryTerrain::new(field, SCALE).unwrap()).unwrap();
+    assert_eq!(heights, expected);
+    // Later versions may find tighter bounds; these must stay true.
+    assert!(bounds.iter().zip(&recomputed).all(|(old, new)| old.tight >= new.tight && old.nested >= new.nested));
+    assert_eq!((database.georeference(), database.scale()), (Some(place), SCALE));
+    assert_eq!(database.provenance(), &described.provenance);
+    assert_eq!(database.version()[..4], [70, 160, 8, 24]);
 }

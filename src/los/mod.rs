@@ -9,13 +9,19 @@
 //! and the crossings of AB with the four families of edge lines ([`sweep`], [`walk`]). Nothing here sees a database:
 //! heights come through [`HeightField`], and what could not be read is an error, never a verdict.
 //!
+//! Which points obstruct, how deep and how near ([`witnesses`], [`derive`]) is told by [`profile`].
+//!
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
 pub mod naive;
+mod profile;
 mod surface;
 mod sweep;
+#[cfg(test)]
+mod tests;
 mod walk;
 
+pub use profile::{Derived, MAX_WITNESSES, Place, Witness, derive, witnesses};
 pub use surface::{on_ground, surface_height};
 
 use rayon::prelude::*;

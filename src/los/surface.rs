@@ -147,12 +147,15 @@ pub fn on_ground<H: HeightField + ?Sized>(field: &H, x: f64, y: f64, height: f64
 fn exact_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<BigRational>, LosError> {
     check_finite([x, y, 0.0], ["x", "y", "z"])?;
     let Some(face) = Face::at(field.grid(), [x, y]) else { return Ok(None) };
-    let Some(heights) = face.heights(&mut Posts::new(field))? else { return Ok(None) };
+    let heights = face.heights(&mut Posts::new(field))?;
+    Ok(heights.map(|heights| exact_height_over(face, heights, [rational(x), rational(y)])))
+}
+
+/// The height of a known face's plane or line at a plan point over it.
+pub(super) fn exact_height_over(face: Face, heights: [f64; 3], [x, y]: [BigRational; 2]) -> BigRational {
     let [p, q, r] = heights.map(rational);
-    let offset = |of: Post| {
-        [rational(x) - BigRational::from(BigInt::from(of.i)), rational(y) - BigRational::from(BigInt::from(of.j))]
-    };
-    Ok(Some(match face {
+    let offset = |of: Post| [&x - BigRational::from(BigInt::from(of.i)), &y - BigRational::from(BigInt::from(of.j))];
+    match face {
         Face::Post(_) => p,
         Face::Edge([from, to]) => {
             let [dx, dy] = offset(from);
@@ -171,11 +174,16 @@ fn exact_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Op
             let weight_c = times(u[0], &dy) - times(u[1], &dx);
             &p + weight_b * (&q - &p) + weight_c * (&r - &p)
         }
-    }))
+    }
+}
+
+/// The height of a known face at a plan point over it, to nearest.
+pub(super) fn surface_over(face: Face, heights: [f64; 3], at: [f64; 2]) -> f64 {
+    exact_height_over(face, heights, at.map(rational)).to_f64().unwrap_or(0.0)
 }
 
 /// A finite f64 as a fraction.
-fn rational(v: f64) -> BigRational {
+pub(super) fn rational(v: f64) -> BigRational {
     // Only NaN and infinities have none, and those were refused.
     BigRational::from_float(v).unwrap_or_default()
 }

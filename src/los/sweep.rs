@@ -47,7 +47,7 @@ impl Family {
     pub(super) const ALL: [Self; 4] = [Self::Column, Self::Row, Self::Rising, Self::Falling];
 
     /// The function that is constant on each line, as a rounded value and its exact error.
-    fn function(self, [x, y]: [f64; 2]) -> (f64, f64) {
+    pub(super) fn function(self, [x, y]: [f64; 2]) -> (f64, f64) {
         match self {
             Self::Column => (x, 0.0),
             Self::Row => (y, 0.0),
@@ -128,11 +128,17 @@ impl Family {
 
     /// Point `v` on line `c`, in the grid or not.
     pub(super) fn point(self, c: i64, v: i64) -> [f64; 2] {
+        self.point_at(c, v as f64)
+    }
+
+    /// The same between posts. Exact for whole `v`.
+    pub(super) fn point_at(self, c: i64, v: f64) -> [f64; 2] {
+        let c = c as f64;
         match self {
-            Self::Column => [c as f64, v as f64],
-            Self::Row => [v as f64, c as f64],
-            Self::Rising => [v as f64, (v - c) as f64],
-            Self::Falling => [v as f64, (c - v) as f64],
+            Self::Column => [c, v],
+            Self::Row => [v, c],
+            Self::Rising => [v, v - c],
+            Self::Falling => [v, c - v],
         }
     }
 }
@@ -189,6 +195,9 @@ pub(super) struct Sweep {
     pub(super) v_error: f64,
     /// Bound of the error of [`Crossing::z`].
     pub(super) z_error: f64,
+    reach: f64,
+    /// Bound of the error of [`Sweep::parameter`].
+    pub(super) t_error: f64,
 }
 
 /// Where AB crosses line `c` of a family, in rounded numbers.
@@ -243,7 +252,14 @@ impl Sweep {
             z_slope,
             v_error,
             z_error,
+            reach,
+            t_error: if trusted { 4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF } else { f64::INFINITY },
         }
+    }
+
+    /// The parameter t of AB at line `c`, within [`Sweep::t_error`].
+    pub(super) fn parameter(&self, c: i64) -> f64 {
+        (c as f64 - self.g_a) / self.reach
     }
 
     /// Line number of crossing `n`, below [`Sweep::count`].

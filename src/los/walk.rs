@@ -43,7 +43,7 @@ where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    let mut walk = Walk { posts: Posts::new(field), a, b };
+    let mut walk = Walk::new(field, a, b);
     let mut met = walk.ends::<K>()?;
     let grid = walk.posts.grid();
     let Some(span) = Span::new(grid, a, b) else { return Ok(met) };
@@ -73,7 +73,7 @@ where
 
 /// What lies under a crossing.
 #[derive(Clone, Copy, PartialEq, Debug)]
-enum Found {
+pub(super) enum Found {
     /// Ground outside the grid.
     Outside,
     /// A face with a void corner.
@@ -82,13 +82,18 @@ enum Found {
     Known(Sign),
 }
 
-struct Walk<'a, H: HeightField + ?Sized> {
-    posts: Posts<'a, H>,
-    a: [f64; 3],
-    b: [f64; 3],
+/// A line over a field.
+pub(super) struct Walk<'a, H: HeightField + ?Sized> {
+    pub(super) posts: Posts<'a, H>,
+    pub(super) a: [f64; 3],
+    pub(super) b: [f64; 3],
 }
 
-impl<H: HeightField + ?Sized> Walk<'_, H> {
+impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
+    pub(super) fn new(field: &'a H, a: [f64; 3], b: [f64; 3]) -> Self {
+        Self { posts: Posts::new(field), a, b }
+    }
+
     /// What the ends meet, and whether AB touches between them without crossing anything.
     fn ends<K: Kernel>(&mut self) -> Result<Met, ReadError> {
         let mut met = Met::default();
@@ -125,7 +130,7 @@ impl<H: HeightField + ?Sized> Walk<'_, H> {
 
     /// Decides crossing `n` of a sweep.
     #[inline]
-    fn cross<K: Kernel>(&mut self, sweep: &Sweep, n: i64) -> Result<Found, ReadError> {
+    pub(super) fn cross<K: Kernel>(&mut self, sweep: &Sweep, n: i64) -> Result<Found, ReadError> {
         let crossing = sweep.crossing(n);
         if !sweep.trusted {
             return self.cross_exactly::<K>(sweep, crossing);
@@ -193,11 +198,7 @@ impl<H: HeightField + ?Sized> Walk<'_, H> {
     #[inline(never)]
     fn cross_exactly<K: Kernel>(&mut self, sweep: &Sweep, crossing: Crossing) -> Result<Found, ReadError> {
         let (family, c) = (sweep.family, crossing.c);
-        let (first, last) = family.posts(c, self.posts.grid());
-        let (a, b) = (plan(self.a), plan(self.b));
-        // Along the line this grows from negative to positive, with a zero where AB meets a post.
-        let side = |v: i64| orient2d_with::<K>(a, b, family.point(c, v)).times(sweep.turn);
-        let Some((v, on_post)) = locate(side, (first, last), crossing.v) else { return Ok(Found::Outside) };
+        let Some((v, on_post)) = self.place::<K>(sweep, crossing) else { return Ok(Found::Outside) };
         let p = self.posts.at(family.post(c, v))?;
         let space = |v: i64, z: f64| {
             let [x, y] = family.point(c, v);
@@ -223,6 +224,15 @@ impl<H: HeightField + ?Sized> Walk<'_, H> {
             }));
         }
         Ok(Found::Known(orient3d_with::<K>(self.a, self.b, space(v, p.z), space(v + 1, q.z)).times(sweep.turn)))
+    }
+
+    /// The post at or before a crossing, along its line, and whether the crossing is on that post; `None` outside the
+    /// grid. By orientations alone.
+    pub(super) fn place<K: Kernel>(&self, sweep: &Sweep, crossing: Crossing) -> Option<(i64, bool)> {
+        let (a, b) = (plan(self.a), plan(self.b));
+        // Along the line this grows from negative to positive, with a zero where AB meets a post.
+        let side = |v: i64| orient2d_with::<K>(a, b, sweep.family.point(crossing.c, v)).times(sweep.turn);
+        locate(side, sweep.family.posts(crossing.c, self.posts.grid()), crossing.v)
     }
 
     /// Two posts, which mostly lie in one page.

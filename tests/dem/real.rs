@@ -1,25 +1,13 @@
 //! Real elevation files of the folder that `SIGHTLINE_DEM` names. Without it these tests are ignored.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use sightline::dem::{self, DemError, OpenOptions, Raster, SeamReport};
+use sightline::dem::{self, DemError, OpenOptions, SeamReport};
+
+use crate::{open, read};
 
 fn folder() -> PathBuf {
     PathBuf::from(std::env::var_os("SIGHTLINE_DEM").expect("SIGHTLINE_DEM names the folder of elevation files"))
-}
-
-fn open(path: &Path) -> Result<Box<dyn Raster>, DemError> {
-    dem::open(&[path.to_owned()], &OpenOptions::default(), &mut |_| ())
-}
-
-/// All heights, south row first.
-fn read(raster: &mut dyn Raster) -> Result<Vec<f64>, DemError> {
-    let (nx, ny) = (raster.info().nx as usize, raster.info().ny);
-    let mut heights = vec![0.0; nx * ny as usize];
-    for (j, row) in (0..ny).zip(heights.chunks_exact_mut(nx)) {
-        raster.read_rows(j, row)?;
-    }
-    Ok(heights)
 }
 
 struct Summary {

@@ -1,6 +1,5 @@
 //! How an image's samples are stored, checked against the length of the file.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use tiff_reader::Ifd;
@@ -10,7 +9,7 @@ use crate::dem::DemError;
 /// Most bytes of a decoded band of blocks from west to east.
 pub(super) const MAX_BAND_BYTES: usize = 1 << 30;
 /// A block or band of this size is allowed whatever the file's length.
-const FREE_BYTES: u64 = 4 << 20;
+const FREE_BYTES: u64 = 1 << 20;
 /// Bands are made of as many rows of blocks as fit in this.
 const BAND_BYTES: u64 = 1 << 20;
 /// TIFF compression codes.
@@ -105,8 +104,10 @@ pub(super) struct Layout {
     pub(super) sample: Sample,
     /// Bands of the file, of which the first is read.
     pub(super) bands: usize,
-    /// Blocks of the first band that are not stored, as (row, column) of blocks.
-    pub(super) sparse: BTreeSet<(usize, usize)>,
+    /// Number of blocks of the first band that are not stored.
+    pub(super) missing_blocks: usize,
+    /// Which ones, row by row of blocks; empty when there are none.
+    missing: Vec<bool>,
     block_width: usize,
     block_height: usize,
     /// Rows of a band at hand: a multiple of the block's.
@@ -156,7 +157,8 @@ impl Layout {
             height,
             sample,
             bands: raster.samples_per_pixel,
-            sparse: BTreeSet::new(),
+            missing_blocks: 0,
+            missing: Vec::new(),
             block_width,
             block_height,
             band_height: block_height.saturating_mul(band_blocks).min(height as usize),
@@ -185,7 +187,9 @@ impl Layout {
             let (row, column) = (n / columns, n % columns);
             let (offset, stored) = (offsets[n], lengths[n]);
             if offset == 0 || stored == 0 {
-                self.sparse.insert((row, column));
+                self.missing.resize(columns * rows, false);
+                self.missing[n] = true;
+                self.missing_blocks += 1;
             } else if offset.checked_add(stored).is_none_or(|end| end > file_bytes) {
                 let detail = format!(
                     "block {n} lies at bytes {offset} to {} of a file of {file_bytes}; it is cut short: fetch it again",
@@ -198,6 +202,11 @@ impl Layout {
             band_stored = band_stored.saturating_add(stored);
             let below = (row + 1) * self.block_height;
             if column + 1 == columns && (below >= self.height as usize || below.is_multiple_of(self.band_height)) {
+                if band_stored > file_bytes {
+                    let detail =
+                        format!("its blocks overlap: a row of them claims {band_stored} of {file_bytes} bytes");
+                    return Err(DemError::malformed(path, super::FORMAT, detail));
+                }
                 self.check_band(path, band_stored.saturating_mul(ratio).max(2 * file_bytes))?;
                 band_stored = 0;
             }
@@ -228,11 +237,12 @@ impl Layout {
     }
 
     /// Makes void what lies in blocks that are not stored.
-    pub(super) fn mark_sparse(&self, row: usize, out: &mut [f64]) {
-        let block_row = row / self.block_height;
-        for &(_, column) in self.sparse.range((block_row, 0)..(block_row + 1, 0)) {
-            let start = column * self.block_width;
-            out[start..(start + self.block_width).min(self.width as usize)].fill(f64::NAN);
+    pub(super) fn mark_missing(&self, row: usize, out: &mut [f64]) {
+        let columns = (self.width as usize).div_ceil(self.block_width);
+        let first = row / self.block_height * columns;
+        let Some(missing) = self.missing.get(first..first + columns) else { return };
+        for (posts, _) in out.chunks_mut(self.block_width).zip(missing).filter(|(_, missing)| **missing) {
+            posts.fill(f64::NAN);
         }
     }
 }

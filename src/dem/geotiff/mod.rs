@@ -28,9 +28,9 @@ use layout::{Layout, Sample};
 /// The format's name in messages.
 const FORMAT: &str = "GeoTIFF";
 /// Most images (overviews, masks) that a file may hold.
-const MAX_IMAGES: usize = 512;
+const MAX_IMAGES: usize = 64;
 /// Most entries of an image's directory.
-const MAX_TAGS: usize = 1024;
+const MAX_TAGS: usize = 256;
 /// GDAL's tags: free metadata in XML, and the value that stands for no data.
 const TAG_GDAL_METADATA: u16 = 42112;
 const TAG_GDAL_NODATA: u16 = 42113;
@@ -87,8 +87,8 @@ impl GeoTiff {
         if layout.bands > 1 {
             notes.push(format!("the file has {} bands; the first is taken as heights", layout.bands));
         }
-        if !layout.sparse.is_empty() {
-            notes.push(format!("{} blocks are not stored; their posts are void", layout.sparse.len()));
+        if layout.missing_blocks > 0 {
+            notes.push(format!("{} blocks are not stored; their posts are void", layout.missing_blocks));
         }
         refuse_scaled(path, ifd)?;
         let nodata = nodata_of(path, ifd, layout.sample, options, &mut notes)?;
@@ -131,7 +131,7 @@ impl GeoTiff {
         let row_bytes = out.len() * self.layout.sample.bytes();
         let start = (from_north - first) * row_bytes;
         self.layout.sample.decode(&self.bytes[start..start + row_bytes], out);
-        self.layout.mark_sparse(from_north, out);
+        self.layout.mark_missing(from_north, out);
         for (i, height) in (0..).zip(out.iter_mut()) {
             if self.nodata.is_void(*height) {
                 *height = f64::NAN;

@@ -1,0 +1,287 @@
+//! Properties of the verdict, most of them against the naive reference, on lines and grids made to be degenerate.
+
+use std::cell::Cell;
+
+use proptest::prelude::*;
+use sightline_proto::{
+    diamond::{Post, Triangle},
+    predicates::{Exact, Kernel, Sign},
+    verdict::LinePoint,
+};
+
+use super::*;
+use crate::terrain::{MemoryField, Posts, synthetic};
+
+/// Heights by row, `None` for void.
+#[derive(Clone, Debug)]
+struct Heights {
+    nx: u32,
+    rows: Vec<Option<f64>>,
+}
+
+impl Heights {
+    fn ny(&self) -> u32 {
+        self.rows.len() as u32 / self.nx
+    }
+
+    fn field(&self) -> MemoryField {
+        MemoryField::from_fn(self.nx, self.ny(), |i, j| self.rows[(j * self.nx + i) as usize]).unwrap()
+    }
+}
+
+/// Small grids of small heights, so that points often meet planes; some with voids.
+fn heights() -> impl Strategy<Value = Heights> {
+    let void_share = prop_oneof![2 => Just(0_u32), 1 => Just(2), 1 => Just(6)];
+    (2..8_u32, 2..8_u32, void_share).prop_flat_map(|(nx, ny, voids)| {
+        let height = prop_oneof![(-2..3_i32).prop_map(f64::from), Just(0.5), Just(0.1)];
+        let post = (0..12_u32, height).prop_map(move |(n, z)| (n >= voids).then_some(z));
+        proptest::collection::vec(post, (nx * ny) as usize).prop_map(move |rows| Heights { nx, rows })
+    })
+}
+
+/// A plan coordinate on, between, just beside or far outside the posts.
+fn coordinate() -> impl Strategy<Value = f64> {
+    let whole = || (-1..9_i32).prop_map(f64::from);
+    prop_oneof![
+        6 => whole(),
+        3 => whole().prop_map(|v| v + 0.5),
+        1 => whole().prop_map(|v| v + 0.25),
+        1 => whole().prop_map(f64::next_up),
+        1 => whole().prop_map(f64::next_down),
+        4 => -1.0..9.0_f64,
+        1 => prop_oneof![Just(1e300), Just(-1e300), Just(5e-324), Just(-0.0), Just(1e9), Just(-4e6), Just(1e17)],
+    ]
+}
+
+fn altitude() -> impl Strategy<Value = f64> {
+    let whole = || (-3..4_i32).prop_map(f64::from);
+    prop_oneof![
+        6 => whole(),
+        2 => whole().prop_map(|v| v / 4.0),
+        1 => whole().prop_map(f64::next_up),
+        1 => whole().prop_map(f64::next_down),
+        3 => -3.0..3.0_f64,
+        1 => prop_oneof![Just(5e-324), Just(1e300), Just(0.1)],
+    ]
+}
+
+fn point() -> impl Strategy<Value = [f64; 3]> {
+    [coordinate().boxed(), coordinate().boxed(), altitude().boxed()]
+}
+
+/// A point M and the ends M - s d and M + t d: all exact, since the numbers have few bits.
+fn through() -> impl Strategy<Value = ([f64; 3], [f64; 3], [f64; 3])> {
+    let small = |range: std::ops::Range<i32>| range.prop_map(|v| f64::from(v) / 2.0);
+    let middle = [small(0..15).boxed(), small(0..15).boxed(), small(-4..5).boxed()];
+    let direction = [-3..4_i32, -3..4_i32, -3..4_i32];
+    (middle, direction, 0..5_i32, 0..5_i32).prop_map(|(m, d, s, t)| {
+        let at = |n: i32| [0, 1, 2].map(|k| m[k] + f64::from(n * d[k]) / 4.0);
+        (at(-s * 4), m, at(t * 3))
+    })
+}
+
+fn line() -> impl Strategy<Value = ([f64; 3], [f64; 3])> {
+    prop_oneof![2 => (point(), point()), 2 => through().prop_map(|(a, _, b)| (a, b))]
+}
+
+fn ask(field: &MemoryField, a: [f64; 3], b: [f64; 3]) -> Verdict {
+    line_of_sight(field, a, b, Options::default()).unwrap().verdict
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(3000))]
+
+    #[test]
+    fn answers_are_the_naive_ones((a, b) in line(), heights in heights(), strict: bool) {
+        let (field, options) = (heights.field(), Options { strict });
+        let expected = naive::line_of_sight(&field, a, b, options).unwrap();
+        prop_assert_eq!(line_of_sight(&field, a, b, options).unwrap(), expected);
+        prop_assert_eq!(line_of_sight(&field, b, a, options).unwrap(), expected, "reversed");
+    }
+
+    #[test]
+    fn parts_make_the_whole((a, m, b) in through(), heights in heights()) {
+        let field = heights.field();
+        prop_assert_eq!(ask(&field, a, b), ask(&field, a, m).max(ask(&field, m, b)));
+    }
+
+    #[test]
+    fn raising_the_terrain_never_unblocks((a, b) in line(), heights in heights(), post: usize, by in 0.0..3.0_f64) {
+        let mut raised = heights.clone();
+        let post = post % raised.rows.len();
+        raised.rows[post] = raised.rows[post].map(|z| z + by);
+        let (before, after) = (ask(&heights.field(), a, b), ask(&raised.field(), a, b));
+        prop_assert!(before <= after, "{:?} became {:?}", before, after);
+    }
+
+    #[test]
+    fn derived_values_exist_exactly_when_the_verdict_says((a, b) in line(), heights in heights()) {
+        let field = heights.field();
+        let blocked = ask(&field, a, b) == Verdict::Blocked;
+        let derived = derive(&field, a, b).unwrap();
+        prop_assert_eq!(derived.first_from_a.is_some(), blocked);
+        prop_assert_eq!(derived.first_from_b.is_some(), blocked);
+        prop_assert_eq!(derived.deepest.is_some(), blocked);
+        if let (Some(first), Some(deepest), Some(last)) = (derived.first_from_a, derived.deepest, derived.first_from_b) {
+            prop_assert!(first.t <= deepest.t && deepest.t <= last.t, "{:?}", derived);
+            prop_assert!(deepest.clearance < 0.0);
+        }
+        if let Some(least) = derived.least_clearance {
+            prop_assert!(!blocked && least.clearance >= 0.0);
+        }
+    }
+
+    #[test]
+    fn witnesses_lie_below_known_ground((a, b) in line(), heights in heights()) {
+        let field = heights.field();
+        let witnesses = witnesses(&field, a, b).unwrap();
+        prop_assert_eq!(!witnesses.is_empty(), ask(&field, a, b) == Verdict::Blocked);
+        for witness in witnesses {
+            prop_assert!(witness.depth > 0.0);
+            prop_assert!(below_some_triangle(&field, a, b, witness.point), "{:?}", witness);
+        }
+    }
+
+    #[test]
+    fn heights_above_ground_are_least((x, y) in (0.0..7.0_f64, 0.0..7.0_f64), height in 0.0..3.0_f64,
+                                      heights in heights()) {
+        let field = heights.field();
+        let resolved = on_ground(&field, x, y, 0.0).unwrap();
+        let stands = |z: f64| ask(&field, [x, y, z], [x, y, z]);
+        match resolved {
+            None => prop_assert_eq!(stands(0.0), Verdict::Unknown),
+            Some(z) => {
+                prop_assert_eq!(stands(z), Verdict::Visible);
+                prop_assert_eq!(stands(z.next_down()), Verdict::Blocked);
+                let ground = surface_height(&field, x, y).unwrap().unwrap();
+                prop_assert!((z - ground).abs() <= 2.0 * f64::EPSILON * ground.abs().max(1e-300));
+                let above = on_ground(&field, x, y, height).unwrap().unwrap();
+                prop_assert!((above - ground - height).abs() <= 8.0 * f64::EPSILON);
+            }
+        }
+    }
+}
+
+/// Whether the point is strictly below the plane of a finest triangle over which it lies. Looks at all triangles.
+fn below_some_triangle(field: &MemoryField, a: [f64; 3], b: [f64; 3], point: LinePoint) -> bool {
+    let grid = field.grid();
+    let mut posts = Posts::new(field);
+    let mut found = false;
+    for (j, i) in (0..grid.ny() - 1).flat_map(|j| (0..grid.nx() - 1).map(move |i| (j, i))) {
+        let [sw, se, nw, ne] = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(di, dj)| Post::new(i + di, j + dj));
+        let triangles = match (i + j) % 2 {
+            0 => [[se, ne, sw], [nw, sw, ne]],
+            _ => [[ne, nw, se], [sw, se, nw]],
+        };
+        for [apex, e1, e0] in triangles {
+            let corners = [apex, e1, e0].map(|p| [f64::from(p.i), f64::from(p.j), posts.at(p).unwrap().z]);
+            let over = point.in_triangle(a, b, &Triangle { apex, e0, e1 });
+            found |= over && point.height_against_plane(a, b, corners) == Sign::Negative;
+        }
+    }
+    found
+}
+
+thread_local! {
+    static SETTLED: Cell<u64> = const { Cell::new(0) };
+    static UNSETTLED: Cell<u64> = const { Cell::new(0) };
+}
+
+/// The exact kernel, counting.
+struct Counting;
+
+impl Kernel for Counting {
+    fn settled() {
+        SETTLED.set(SETTLED.get() + 1);
+    }
+
+    fn unsettled(estimate: Sign, exact: impl FnOnce() -> Sign) -> Sign {
+        UNSETTLED.set(UNSETTLED.get() + 1);
+        Exact::unsettled(estimate, exact)
+    }
+}
+
+#[test]
+fn the_filter_settles_ordinary_predicates() {
+    let field = synthetic::fractal(257, 257, 7, 800).unwrap();
+    let at = |n: u64| {
+        let unit = |k: u64| (synthetic::mix(n * 4 + k) >> 11) as f64 / (1_u64 << 53) as f64;
+        let (x, y) = (256.0 * unit(0), 256.0 * unit(1));
+        [x, y, on_ground(&field, x, y, 2.0 + 200.0 * unit(2)).unwrap().unwrap()]
+    };
+    for n in 0..2000 {
+        line_of_sight_with::<Counting, _>(&field, at(2 * n), at(2 * n + 1), Options::default()).unwrap();
+    }
+    let (settled, unsettled) = (SETTLED.get(), UNSETTLED.get());
+    println!("{settled} settled, {unsettled} not");
+    assert!(settled > 50_000 && unsettled * 1000 <= settled, "{settled} settled, {unsettled} not");
+}
+
+#[test]
+fn lines_over_pages_and_far_beyond_the_grid_are_the_naive_ones() {
+    let field = synthetic::fractal(150, 131, 3, 60).unwrap();
+    let voids = MemoryField::from_fn(150, 131, |i, j| {
+        (!synthetic::mix(u64::from(i * 1000 + j)).is_multiple_of(50))
+            .then(|| f64::from(synthetic::fractal_height(i, j, 3, 60)))
+    })
+    .unwrap();
+    for seed in 0..150_u64 {
+        let number = |k: u64, low: f64, high: f64| {
+            low + (high - low) * (synthetic::mix(seed * 16 + k) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let reach = [150.0, 150.0, 1e6, 1e18][seed as usize % 4];
+        let round = |v: f64| if seed % 3 == 0 { v.round() } else { v };
+        let end = |k| [round(number(k, -2.0, reach)), round(number(k + 1, -2.0, 140.0)), number(k + 2, 0.0, 60.0)];
+        let (a, b) = (end(0), end(4));
+        for field in [&field, &voids] {
+            let expected = naive::line_of_sight(field, a, b, Options::default()).unwrap();
+            assert_eq!(line_of_sight(field, a, b, Options::default()).unwrap(), expected, "{seed}: {a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn batches_keep_the_order() {
+    let field = synthetic::fractal(40, 40, 1, 30).unwrap();
+    let lines: Vec<_> = (0..500_u64)
+        .map(|n| {
+            let at = |k| (synthetic::mix(n * 8 + k) % 39) as f64;
+            [[at(0), at(1), at(2)], [at(3), at(4), at(5)]]
+        })
+        .collect();
+    let alone: Vec<_> = lines.iter().map(|&[a, b]| line_of_sight(&field, a, b, Options::default()).unwrap()).collect();
+    assert_eq!(line_of_sight_batch(&field, &lines, Options::default()).unwrap(), alone);
+    assert_eq!(line_of_sight_batch(&field, &[], Options::default()).unwrap(), []);
+}
+
+#[test]
+fn what_is_not_finite_is_refused() {
+    let field = synthetic::plane(4, 4, 0, 0).unwrap();
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for k in 0..3 {
+            let mut a = [1.0; 3];
+            a[k] = bad;
+            let refused = |r: Result<Answer, LosError>| matches!(r, Err(LosError::NotFinite { .. }));
+            assert!(refused(line_of_sight(&field, a, [1.0; 3], Options::default())));
+            assert!(refused(line_of_sight(&field, [1.0; 3], a, Options::default())));
+            assert!(refused(naive::line_of_sight(&field, a, [1.0; 3], Options::default())));
+            assert!(witnesses(&field, a, [1.0; 3]).is_err() && derive(&field, a, [1.0; 3]).is_err());
+        }
+        assert!(on_ground(&field, bad, 1.0, 1.0).is_err() && on_ground(&field, 1.0, 1.0, bad).is_err());
+    }
+    let one_beyond = on_ground(&synthetic::plane(4, 4, 1, 0).unwrap(), 1.0, 1.0, f64::MAX);
+    assert!(matches!(one_beyond, Err(LosError::OutOfRange { .. })), "{one_beyond:?}");
+}
+
+#[test]
+fn a_known_ridge_is_described() {
+    // A ridge of height 4 along x = 4 on flat ground; the line at height 2 enters and leaves it half-way up.
+    let field = MemoryField::from_fn(9, 5, |i, _| Some(if i == 4 { 4.0 } else { 0.0 })).unwrap();
+    let derived = derive(&field, [0.0, 2.0, 2.0], [8.0, 2.0, 2.0]).unwrap();
+    assert_eq!(derived.first_from_a.unwrap(), Place { point: [3.5, 2.0, 2.0], t: 0.4375, clearance: 0.0 });
+    assert_eq!(derived.first_from_b.unwrap(), Place { point: [4.5, 2.0, 2.0], t: 0.5625, clearance: 0.0 });
+    assert_eq!(derived.deepest.unwrap(), Place { point: [4.0, 2.0, 2.0], t: 0.5, clearance: -2.0 });
+    let over = derive(&field, [0.0, 2.0, 5.0], [8.0, 2.0, 5.0]).unwrap();
+    assert_eq!(over.least_clearance.unwrap(), Place { point: [4.0, 2.0, 5.0], t: 0.5, clearance: 1.0 });
+    assert_eq!(over.first_from_a, None);
+}

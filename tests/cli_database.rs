@@ -1,0 +1,130 @@
+//! The verbs `ingest`, `info` and `verify` as a user meets them: words, exit statuses, JSON.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+fn sightline(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
+}
+
+fn status(output: &Output) -> i32 {
+    output.status.code().expect("the program ends by itself")
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).expect("output is UTF-8")
+}
+
+/// An Esri ASCII grid of 70 x 66 posts of which two are void.
+fn sample(folder: &Path) -> PathBuf {
+    let path = folder.join("hills.asc");
+    let mut grid = "ncols 70\nnrows 66\nxllcorner 1000\nyllcorner 2000\ncellsize 10\nNODATA_value -9999\n".to_owned();
+    for row in 0..66 {
+        for column in 0..70 {
+            let void = row == 5 && (column == 7 || column == 8);
+            let z = if void { -9999 } else { (column * 13 + row * 7) % 101 };
+            grid += &format!("{z} ");
+        }
+        grid += "\n";
+    }
+    fs::write(&path, grid).unwrap();
+    path
+}
+
+#[test]
+fn a_grid_is_ingested_shown_and_verified() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let database = folder.path().join("hills.sldb");
+    let (input, db) = (input.to_str().unwrap(), database.to_str().unwrap());
+
+    let done = sightline(&["ingest", input, "-o", db, "--unit", "0.5", "--json", "--quiet"]);
+    assert_eq!((status(&done), text(&done.stderr)), (0, ""));
+    let ingested: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((ingested["posts"].as_u64(), ingested["void_posts"].as_u64()), (Some(4620), Some(2)));
+
+    let info = sightline(&["info", db, "--json"]);
+    assert_eq!(status(&info), 0);
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert_eq!(info["version"], ingested["version"]);
+    assert_eq!((info["unit_m"].as_f64(), info["highest_m"].as_f64()), (Some(0.5), Some(100.0)));
+    assert_eq!(info["bytes"].as_u64(), Some(fs::metadata(&database).unwrap().len()));
+    let words = sightline(&["info", db]);
+    let words = text(&words.stdout);
+    for expected in ["70 x 66", "0.5 m", "2 posts", "hills.asc", "heights", "bounds of step 2"] {
+        assert!(words.contains(expected), "{expected} in {words}");
+    }
+
+    let verified = sightline(&["verify", db, "--quiet"]);
+    assert_eq!(status(&verified), 0);
+    assert!(text(&verified.stdout).contains("sound"));
+}
+
+#[test]
+fn existing_output_is_refused_without_force() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let output = folder.path().join("it.sldb");
+    fs::write(&output, "precious").unwrap();
+    let (input, db) = (input.to_str().unwrap(), output.to_str().unwrap());
+    let refused = sightline(&["ingest", input, "-o", db]);
+    assert_eq!(status(&refused), 4);
+    assert!(text(&refused.stderr).contains("--force"));
+    assert_eq!(fs::read(&output).unwrap(), b"precious");
+    assert_eq!(status(&sightline(&["ingest", input, "-o", db, "--force", "--quiet"])), 0);
+    assert_eq!(status(&sightline(&["verify", db])), 0);
+}
+
+#[test]
+fn damage_is_status_1_and_what_is_no_database_is_status_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let output = folder.path().join("it.sldb");
+    let db = output.to_str().unwrap();
+    assert_eq!(status(&sightline(&["ingest", input.to_str().unwrap(), "-o", db, "--quiet"])), 0);
+    let sound = fs::read(&output).unwrap();
+
+    // Heights follow directly behind the manifest and their directory: the middle of the file is a page.
+    let mut flipped = sound.clone();
+    flipped[sound.len() / 2] ^= 1;
+    fs::write(&output, &flipped).unwrap();
+    let found = sightline(&["verify", db]);
+    assert_eq!(status(&found), 1);
+    assert!(text(&found.stderr).contains("page (") && text(&found.stderr).contains("checksum"));
+
+    for cut in [sound.len() - 1, sound.len() / 2, 100, 20] {
+        fs::write(&output, &sound[..cut]).unwrap();
+        assert_eq!(status(&sightline(&["verify", db])), 1, "cut at {cut}");
+        assert_eq!(status(&sightline(&["info", db])), 3, "cut at {cut}");
+    }
+    for (name, status_expected) in [(input.to_str().unwrap(), 3), ("no such file", 3)] {
+        assert_eq!(status(&sightline(&["verify", name])), status_expected, "{name}");
+        assert_eq!(status(&sightline(&["info", name])), status_expected, "{name}");
+    }
+}
+
+#[test]
+fn bad_input_and_usage_have_their_own_statuses() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let input = input.to_str().unwrap();
+    let output = folder.path().join("it.sldb");
+    let db = output.to_str().unwrap();
+    let cases: [(&[&str], i32); 7] = [
+        (&["ingest", input, "-o", db, "--void", "reject"], 3),
+        (&["ingest", input, "-o", db, "--unit", "1e-9"], 3),
+        (&["ingest", input, "-o", db, "--unit", "0"], 2),
+        (&["ingest", input, "-o", db, "--crs", "4326"], 2),
+        (&["ingest", input], 2),
+        (&["ingest", "-o", db], 2),
+        (&["ingest", folder.path().to_str().unwrap(), "-o", db], 3),
+    ];
+    for (args, expected) in cases {
+        let output = sightline(args);
+        assert_eq!(status(&output), expected, "{args:?}: {}", text(&output.stderr));
+    }
+    assert!(!output.exists());
+}

@@ -1,0 +1,131 @@
+//! Hostile files: each truncation and each flipped byte of a small sample per format gives an error or a well-formed
+//! raster: never a panic, even one that the reader would catch, and never a height that is no height.
+//!
+//! `tests/dem_memory.rs` runs the same samples and measures what they make the readers allocate.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use sightline::dem::{DemError, MAX_HEIGHT_M};
+
+use crate::encoders::{gz, hgt, zip};
+use crate::samples::{asc, for_each_mutation, tiffs};
+use crate::{Folder, open};
+
+/// Panics on any thread since the first sample was tried; the reader's own net must stay empty.
+static PANICS: AtomicU32 = AtomicU32::new(0);
+
+fn watch_panics() {
+    static ONCE: std::sync::Once = std::sync::Once::new();
+    ONCE.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            PANICS.fetch_add(1, Ordering::SeqCst);
+            before(info);
+        }));
+    });
+}
+
+/// Reads up to `rows` rows and checks what a raster promises. Whether it could be read.
+fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
+    let mut raster = open(path)?;
+    let info = raster.info().clone();
+    assert!(info.nx >= 2 && info.ny >= 2 && info.unit_m > 0.0);
+    let place = info.georeference;
+    assert!(place.step.iter().all(|s| *s > 0.0 && s.is_finite()) && place.origin.iter().all(|o| o.is_finite()));
+    let mut row = vec![0.0; info.nx as usize];
+    for j in 0..info.ny.min(rows) {
+        raster.read_rows(j, &mut row)?;
+        assert!(row.iter().all(|h| h.is_nan() || h.abs() <= MAX_HEIGHT_M));
+    }
+    Ok(())
+}
+
+/// Tries every mutation of `sample`; gives how many were still read.
+fn survive(folder: &Folder, name: &str, sample: &[u8], rows: u32) -> u32 {
+    watch_panics();
+    let before = PANICS.load(Ordering::SeqCst);
+    let mut read = 0;
+    assert_eq!(try_read(&folder.put(name, sample), rows), Ok(()), "{name}");
+    for_each_mutation(sample, |content, what| {
+        let path = folder.put(name, content);
+        match try_read(&path, rows) {
+            Ok(()) => read += 1,
+            Err(e) => assert!(!e.to_string().is_empty()),
+        }
+        assert_eq!(PANICS.load(Ordering::SeqCst), before, "{name}: {what}");
+    });
+    read
+}
+
+#[test]
+fn every_mutation_of_a_tiff_is_an_error_or_a_raster() {
+    let folder = Folder::new();
+    for (name, sample) in tiffs() {
+        let read = survive(&folder, name, &sample, 64);
+        println!("{name}: {} bytes, {read} mutations still read", sample.len());
+    }
+}
+
+#[test]
+fn every_mutation_of_an_ascii_grid_is_an_error_or_a_raster() {
+    survive(&Folder::new(), "grid.asc", asc().as_bytes(), 64);
+}
+
+#[test]
+fn mutations_of_a_packed_tile_are_errors_or_tiles() {
+    let folder = Folder::new();
+    let tile = hgt(1201, |_, _| 100);
+    // The interior of the compressed stream is sampled: unpacking a tile for each of its bytes would take minutes.
+    for (name, sample) in [("N44W072.hgt.gz", gz(&tile)), ("N44W072.hgt.zip", zip("N44W072.hgt", &tile))] {
+        let path = |content: &[u8]| folder.put(name, content);
+        let cut = path(&sample);
+        let file = std::fs::File::options().write(true).open(&cut).unwrap();
+        for length in (0..sample.len()).rev() {
+            file.set_len(length as u64).unwrap();
+            assert!(try_read(&cut, 1).is_err(), "{name} cut to {length}");
+        }
+        let interior = 80..sample.len() - 160;
+        for at in (0..sample.len()).filter(|at| !interior.contains(at) || at % 97 == 0) {
+            let mut content = sample.clone();
+            content[at] ^= 0xff;
+            let _ = try_read(&path(&content), 1);
+        }
+    }
+}
+
+#[test]
+fn only_whole_tiles_are_tiles() {
+    let folder = Folder::new();
+    let tile = hgt(1201, |i, _| i as i16);
+    for length in (0..2000).chain(tile.len() - 2000..tile.len()) {
+        let path = folder.0.path().join("N44W072.hgt");
+        std::fs::File::create(&path).unwrap().set_len(length as u64).unwrap();
+        assert!(open(&path).is_err(), "{length} bytes");
+    }
+}
+
+#[test]
+fn files_of_other_kinds_are_told_by_name() {
+    let folder = Folder::new();
+    let error = |name: &str, content: &[u8]| open(&folder.put(name, content)).map(drop).unwrap_err().to_string();
+    let png = b"\x89PNG\r\n\x1a\n0000";
+    for name in ["a.png", "N44W072.hgt", "a.tif", "a.asc", "a"] {
+        assert!(error(name, png).contains("PNG"), "{name}");
+    }
+    assert!(error("a.tif", b"not a tiff at all").contains("without TIFF's first bytes"));
+    assert!(error("a.dt1", b"UHL1 and so on").contains("DTED"));
+    assert!(error("a.bil", &[0; 100]).contains("header file"));
+    assert!(error("a.xyz", b"1 2 3").contains(".xyz"));
+    assert!(error("a.asc", b"hello world").contains("line 1"));
+    for name in ["a.tif", "a.asc", "N44W072.hgt", "a.zip"] {
+        assert!(error(name, b"version https://git-lfs.github.com/spec/v1\n").contains("git lfs pull"), "{name}");
+        assert!(error(name, b"").contains("empty"), "{name}");
+    }
+    assert!(matches!(open(folder.0.path()), Err(DemError::Directory { .. })));
+    assert!(matches!(open(&folder.0.path().join("none.tif")), Err(DemError::Io { .. })));
+    // A raster under another's name is read for what it is.
+    let (_, tiff) = tiffs().swap_remove(0);
+    assert_eq!(try_read(&folder.put("a.asc", tiff), 64), Ok(()));
+    assert_eq!(try_read(&folder.put("a.tif", asc()), 64), Ok(()));
+}
