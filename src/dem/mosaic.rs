@@ -2,7 +2,8 @@
 //!
 //! Neighbours share the posts of their common border. There a known post beats a void one, else the tile further
 //! south wins, and of two equally far south the one further west. What the overlaps showed is counted, each row once.
-//! Tiles that a full rectangle would have but that were not given are void.
+//! Tiles that a full rectangle would have but that were not given are void. Tiles on both sides of the 180th meridian do
+//! not adjoin here.
 //!
 //! Kept at hand: the tiles of the row of tiles being read (two rows of tiles at a shared row of posts), and one byte a
 //! post of one row.

@@ -4,25 +4,43 @@
 /// a type with as many digits as they like, and nothing else is that large.
 const HUGE: f64 = 1e30;
 
+/// What signed samples that are void hold in files that declare nothing: SRTM's and USGS's values.
+const USUAL: [f64; 2] = [-32_768.0, -32_767.0];
+/// And floating-point ones.
+const USUAL_FLOAT: f64 = -9999.0;
+
 /// The samples that are void. Those that are not finite always are.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Nodata {
     declared: Option<f64>,
     /// Whether samples are, or may have been, 32-bit: then the declared value is rounded like them.
     single: bool,
+    /// Whether [`USUAL`] values, and [`USUAL_FLOAT`], are void though nothing is declared.
+    usual: bool,
+    usual_float: bool,
 }
 
 impl Nodata {
     /// A rule from a declared value; NaN adds nothing. An infinity does: writers that round the greatest f64 to 15 digits
     /// declare a number beyond it.
     pub(super) fn new(declared: Option<f64>, single: bool) -> Self {
-        Self { declared: declared.filter(|v| !v.is_nan()), single }
+        Self { declared: declared.filter(|v| !v.is_nan()), single, usual: false, usual_float: false }
+    }
+
+    /// The rule for a file that declares nothing, by the type of its samples: values that writers use for no data and
+    /// that no place has. -9999 is one of them among floating-point samples only; a sea trench may be just as deep in
+    /// whole metres. A guess, told in a note and replaced by the user's word.
+    pub(super) fn undeclared(signed: bool, float: bool) -> Self {
+        Self { declared: None, single: false, usual: signed, usual_float: float }
     }
 
     /// Whether `sample` is void.
     #[inline]
     pub(super) fn is_void(self, sample: f64) -> bool {
         if !sample.is_finite() {
+            return true;
+        }
+        if (self.usual && USUAL.contains(&sample)) || (self.usual_float && sample == USUAL_FLOAT) {
             return true;
         }
         self.declared.is_some_and(|v| {

@@ -167,6 +167,8 @@ pub(crate) struct Tiff {
     pub(crate) big: bool,
     pub(crate) big_endian: bool,
     pub(crate) nodata: Option<&'static str>,
+    /// GDAL's metadata in XML.
+    pub(crate) metadata: Option<&'static str>,
     /// ModelPixelScale and ModelTiepoint, or ModelTransformation.
     pub(crate) doubles: Vec<(u16, Vec<f64>)>,
     /// GeoKeys: (key, value) pairs of one SHORT each.
@@ -190,6 +192,7 @@ impl Default for Tiff {
             big: false,
             big_endian: false,
             nodata: None,
+            metadata: None,
             doubles: vec![(33550, vec![0.5, 0.25, 0.0]), (33922, vec![0.0, 0.0, 0.0, 10.0, 50.0, 0.0])],
             geokeys: vec![(1024, 2), (1025, 1), (2048, 4326)],
             missing: Vec::new(),
@@ -342,9 +345,11 @@ impl Tiff {
             let bytes = shorts.iter().flat_map(|v| self.number(u64::from(*v), 2)).collect();
             tags.push((34735, (3, shorts.len(), bytes)));
         }
-        if let Some(text) = self.nodata {
-            let bytes = [text.as_bytes(), &[0]].concat();
-            tags.push((42113, (2, bytes.len(), bytes)));
+        for (code, text) in [(42112, self.metadata), (42113, self.nodata)] {
+            if let Some(text) = text {
+                let bytes = [text.as_bytes(), &[0]].concat();
+                tags.push((code, (2, bytes.len(), bytes)));
+            }
         }
         tags.extend(self.extra.iter().map(|(code, value)| (*code, longs(&[*value]))));
         tags.sort_by_key(|(code, _)| *code);

@@ -126,6 +126,8 @@ fn what_would_make_lengths_wrong_is_refused() {
     assert!(refused(Tiff { geokeys: feet, ..Tiff::default() }).contains("9003"));
     let beyond = vec![(33550, vec![0.5, 0.25, 0.0]), (33922, vec![0.0, 0.0, 0.0, 10.0, 95.0, 0.0])];
     assert!(refused(Tiff { doubles: beyond, ..Tiff::default() }).contains("--crs"));
+    let scaled = r#"<GDALMetadata><Item name="SCALE" sample="0" role="scale">0.1</Item></GDALMetadata>"#;
+    assert!(refused(Tiff { metadata: Some(scaled), ..Tiff::default() }).contains("unscale"));
     assert!(refused(Tiff { extra: vec![(274, 3)], ..Tiff::default() }).contains("orientation"));
 }
 
@@ -157,6 +159,10 @@ fn void_is_what_the_file_declares_or_the_user_says() {
     assert_eq!(voids(Samples::I16, Some("32767"), 32_767.0, &plain), Ok(1));
     assert_eq!(voids(Samples::I16, Some("-9999"), -32_768.0, &plain), Ok(0));
     assert_eq!(voids(Samples::I16, None, -32_768.0, &plain), Ok(1));
+    assert_eq!(voids(Samples::F64, None, -32_767.0, &plain), Ok(1));
+    assert_eq!(voids(Samples::F32, None, -9999.0, &plain), Ok(1));
+    assert_eq!(voids(Samples::I32, None, -9999.0, &plain), Ok(0));
+    assert_eq!(voids(Samples::F32, Some("nan"), -9999.0, &plain), Ok(0));
     assert_eq!(voids(Samples::F32, Some("nan"), f64::NAN, &plain), Ok(1));
     assert_eq!(voids(Samples::F32, Some("-9999"), f64::INFINITY, &plain), Ok(1));
     assert_eq!(voids(Samples::F32, Some("-3.40282346639e+38"), lowest, &plain), Ok(1));

@@ -15,7 +15,8 @@ use crate::{Folder, open};
 /// Panics on any thread since the first sample was tried; the reader's own net must stay empty.
 static PANICS: AtomicU32 = AtomicU32::new(0);
 
-fn watch_panics() {
+/// Runs `attempt` and fails when anything panicked meanwhile, caught or not.
+pub(crate) fn without_panics(what: &str, attempt: impl FnOnce()) {
     static ONCE: std::sync::Once = std::sync::Once::new();
     ONCE.call_once(|| {
         let before = std::panic::take_hook();
@@ -24,10 +25,13 @@ fn watch_panics() {
             before(info);
         }));
     });
+    let before = PANICS.load(Ordering::SeqCst);
+    attempt();
+    assert_eq!(PANICS.load(Ordering::SeqCst), before, "{what}");
 }
 
 /// Reads up to `rows` rows and checks what a raster promises. Whether it could be read.
-fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
+pub(crate) fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
     let mut raster = open(path)?;
     let info = raster.info().clone();
     assert!(info.nx >= 2 && info.ny >= 2 && info.unit_m > 0.0);
@@ -43,17 +47,11 @@ fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
 
 /// Tries every mutation of `sample`; gives how many were still read.
 fn survive(folder: &Folder, name: &str, sample: &[u8], rows: u32) -> u32 {
-    watch_panics();
-    let before = PANICS.load(Ordering::SeqCst);
     let mut read = 0;
     assert_eq!(try_read(&folder.put(name, sample), rows), Ok(()), "{name}");
     for_each_mutation(sample, |content, what| {
         let path = folder.put(name, content);
-        match try_read(&path, rows) {
-            Ok(()) => read += 1,
-            Err(e) => assert!(!e.to_string().is_empty()),
-        }
-        assert_eq!(PANICS.load(Ordering::SeqCst), before, "{name}: {what}");
+        without_panics(&format!("{name}: {what}"), || read += u32::from(try_read(&path, rows).is_ok()));
     });
     read
 }

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use sightline::dem::{self, DemError, OpenOptions, SeamReport};
+use sightline::terrain::synthetic;
 
-use crate::{open, read};
+use crate::hostile::{try_read, without_panics};
+use crate::{Folder, open, read};
 
 fn folder() -> PathBuf {
     PathBuf::from(std::env::var_os("SIGHTLINE_DEM").expect("SIGHTLINE_DEM names the folder of elevation files"))
@@ -159,4 +161,33 @@ fn adjoining_tiles_are_one_mosaic_and_their_disagreements_are_counted() {
     assert_eq!(nice.size, (2401, 1201));
     let apart = summary(&[folder.join("hgt/N43E007.hgt"), folder.join("hgt/N44W072.hgt")]);
     assert!(matches!(apart, Err(DemError::Mosaic { .. })));
+}
+
+/// The real files exercise what the small samples cannot: dictionaries, entropy coders, bit-packed blocks.
+#[test]
+#[ignore = "needs SIGHTLINE_DEM"]
+fn damaged_real_files_are_errors_or_rasters() {
+    const SEED: u64 = 20_261_122;
+    const TRIES: u64 = 60;
+    println!("seed {SEED}");
+    let scratch = Folder::new();
+    let names: Vec<_> = std::fs::read_dir(folder().join("derived")).unwrap().map(|e| e.unwrap().path()).collect();
+    for path in names.iter().filter(|p| p.extension().is_some_and(|e| e == "tif" || e == "asc")) {
+        let (name, sound) = (path.file_name().unwrap().to_string_lossy(), std::fs::read(path).unwrap());
+        let mut read_well = 0;
+        for n in 0..TRIES {
+            let mut content = sound.clone();
+            let draw = |k: u64| synthetic::mix(SEED ^ (n << 8 | k)) as usize % sound.len();
+            match n % 3 {
+                0 => content.truncate(draw(0)),
+                1 => content[draw(0)] ^= 1 << (n % 8),
+                _ => (0..8).for_each(|k| content[draw(k)] = draw(k + 8) as u8),
+            }
+            let damaged = scratch.put(&name, &content);
+            without_panics(&format!("{name}, try {n}"), || {
+                read_well += u32::from(try_read(&damaged, u32::MAX).is_ok());
+            });
+        }
+        println!("{name}: {read_well} of {TRIES} still read");
+    }
 }

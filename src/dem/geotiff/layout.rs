@@ -12,10 +12,13 @@ pub(super) const MAX_BAND_BYTES: usize = 1 << 30;
 const FREE_BYTES: u64 = 1 << 20;
 /// Bands are made of as many rows of blocks as fit in this.
 const BAND_BYTES: u64 = 1 << 20;
-/// TIFF compression codes.
+/// TIFF compression codes. JPEG and WebP exist as well, but lose what heights need.
 const NONE: u16 = 1;
 const LZW: u16 = 5;
+const DEFLATE: [u16; 2] = [8, 32_946];
 const PACK_BITS: u16 = 32_773;
+const LERC: u16 = 34_887;
+const ZSTD: u16 = 50_000;
 /// TIFF's orientation tag; 1 is north row first, west column first.
 const TAG_ORIENTATION: u16 = 274;
 /// Photometric interpretations of one-band rasters: white is zero, black is zero.
@@ -61,6 +64,10 @@ impl Sample {
 
     pub(super) fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
+    }
+
+    pub(super) fn is_signed(self) -> bool {
+        !matches!(self, Self::U8 | Self::U16 | Self::U32)
     }
 
     pub(super) fn name(self) -> &'static str {
@@ -256,6 +263,11 @@ fn sample_of(path: &Path, ifd: &Ifd, raster: &tiff_reader::RasterLayout) -> Resu
     let orientation = ifd.tag(TAG_ORIENTATION).and_then(|tag| tag.value.as_u16()).unwrap_or(1);
     if orientation != 1 {
         let detail = format!("its rows are stored in orientation {orientation}; write it out with the north row first");
+        return Err(DemError::refused(path, detail));
+    }
+    let compression = ifd.compression();
+    if ![NONE, LZW, DEFLATE[0], DEFLATE[1], PACK_BITS, LERC, ZSTD].contains(&compression) {
+        let detail = format!("its compression, number {compression}, is not read; write it out with deflate");
         return Err(DemError::refused(path, detail));
     }
     Sample::from_tiff(raster.sample_format, raster.bits_per_sample).ok_or_else(|| {

@@ -7,8 +7,7 @@
 //! input is hostile; none is known.
 //!
 //! Only the first image that is not an overview counts, and its first band. Blocks that are not stored are void.
-//! NODATA is tag 42113 in any spelling; without the tag, -32768 in 16-bit signed samples is void, as no place is that
-//! low. Kept at hand: one band of whole blocks from west to east, decoded, and at most one block a thread beside it.
+//! NODATA is tag 42113 in any spelling; without the tag, the usual values that no place has are void. Kept at hand: one band of whole blocks from west to east, decoded, and at most one block a thread beside it.
 //! A known gap: where integer samples carry a LERC mask, tiff-reader gives masked pixels as 0; GDAL writes no such
 //! file.
 
@@ -36,8 +35,6 @@ const TAG_GDAL_METADATA: u16 = 42112;
 const TAG_GDAL_NODATA: u16 = 42113;
 /// Bit of NewSubfileType that marks an overview, and the tag.
 const TAG_NEW_SUBFILE_TYPE: u16 = 254;
-/// The value that means void in 16-bit signed samples when the file does not say otherwise.
-const DEFAULT_NODATA_I16: f64 = -32_768.0;
 
 /// The decoder's handle.
 enum Handle {
@@ -234,9 +231,10 @@ fn nodata_of(
         })?,
         None => None,
     };
-    if declared.is_none() && sample == Sample::I16 {
-        notes.push("the file declares no NODATA value; -32768 is taken as void".to_owned());
-        return Ok(Nodata::new(Some(DEFAULT_NODATA_I16), single));
+    if declared.is_some() || !sample.is_signed() {
+        return Ok(Nodata::new(declared, single));
     }
-    Ok(Nodata::new(declared, single))
+    let floats = if sample.is_float() { ", -9999" } else { "" };
+    notes.push(format!("the file declares no NODATA value; -32768, -32767{floats} are taken as void"));
+    Ok(Nodata::undeclared(true, sample.is_float()))
 }
