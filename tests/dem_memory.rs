@@ -99,7 +99,8 @@ fn a_hostile_file_takes_at_most_four_times_its_length_and_16_mib() {
 fn lying_rasters() -> Vec<(&'static str, Vec<u8>)> {
     let header = |n: u64| format!("ncols {n}\nnrows {n}\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3\n");
     let base = || Tiff { geokeys: Vec::new(), rows_per_strip: 1 << 20, height: 4, ..Tiff::default() };
-    // One strip that decodes to what four rows of nine posts hold, under directories that declare far more posts.
+    let huge_tile = Tiff { tile: Some(16), missing: vec![0], ..base() };
+    // One block of four rows of nine posts, under directories that declare far more posts or a far larger tile.
     let grown = |tiff: Tiff, width: u32, height: u32| {
         let mut bytes = tiff.encode(|_, _| 1.0);
         let grow = |bytes: &mut Vec<u8>, tag: u16, value: u32| {
@@ -107,8 +108,9 @@ fn lying_rasters() -> Vec<(&'static str, Vec<u8>)> {
             let at = bytes.windows(8).position(|w| w == mark).expect("the tag is there");
             bytes[at + 8..at + 12].copy_from_slice(&value.to_le_bytes());
         };
-        grow(&mut bytes, 256, width);
-        grow(&mut bytes, 257, height);
+        let (wide, high) = if tiff.tile.is_some() { (322, 323) } else { (256, 257) };
+        grow(&mut bytes, wide, width);
+        grow(&mut bytes, high, height);
         bytes
     };
     let of = |codec, samples| Tiff { codec, samples, ..base() };
@@ -117,6 +119,8 @@ fn lying_rasters() -> Vec<(&'static str, Vec<u8>)> {
         ("grid.asc", header(u64::MAX).into_bytes()),
         ("grid.asc", [&b"ncols 3 "[..], &[b'7'; MIB]].concat()),
         ("wide.tif", grown(base(), 1 << 30, 4)),
+        ("tile.tif", grown(huge_tile.clone(), 1 << 14, 1 << 14)),
+        ("tile.tif", grown(huge_tile, u32::MAX - 15, u32::MAX - 15)),
         ("sparse.tif", grown(Tiff { missing: vec![0], ..base() }, 60_000, 60_000)),
     ];
     for (codec, samples) in Codec::ALL.into_iter().flat_map(|codec| Samples::ALL.map(|samples| (codec, samples))) {

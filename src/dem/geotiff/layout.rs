@@ -6,10 +6,14 @@ use tiff_reader::Ifd;
 
 use crate::dem::DemError;
 
+use super::sample::Sample;
+
 /// Most bytes of a decoded band of blocks from west to east.
 pub(super) const MAX_BAND_BYTES: usize = 1 << 30;
 /// A block or band of this size is allowed whatever the file's length.
 const FREE_BYTES: u64 = 1 << 20;
+/// A block of this size (1024 x 1024 float32) may be left out whatever the file's length.
+const FREE_MISSING_BYTES: u64 = 4 << 20;
 /// Bands are made of as many rows of blocks as fit in this.
 const BAND_BYTES: u64 = 1 << 20;
 /// TIFF compression codes. JPEG and WebP exist as well, but lose what heights need.
@@ -23,85 +27,6 @@ const ZSTD: u16 = 50_000;
 const TAG_ORIENTATION: u16 = 274;
 /// Photometric interpretations of one-band rasters: white is zero, black is zero.
 const GREY: [u16; 2] = [0, 1];
-
-/// The type of a sample.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Sample {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    F32,
-    F64,
-}
-
-impl Sample {
-    /// From TIFF's SampleFormat (1 unsigned, 2 signed, 3 floating point) and BitsPerSample.
-    fn from_tiff(format: u16, bits: u16) -> Option<Self> {
-        Some(match (format, bits) {
-            (1, 8) => Self::U8,
-            (2, 8) => Self::I8,
-            (1, 16) => Self::U16,
-            (2, 16) => Self::I16,
-            (1, 32) => Self::U32,
-            (2, 32) => Self::I32,
-            (3, 32) => Self::F32,
-            (3, 64) => Self::F64,
-            _ => return None,
-        })
-    }
-
-    pub(super) fn bytes(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    pub(super) fn is_float(self) -> bool {
-        matches!(self, Self::F32 | Self::F64)
-    }
-
-    pub(super) fn is_signed(self) -> bool {
-        !matches!(self, Self::U8 | Self::U16 | Self::U32)
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "uint8",
-            Self::I8 => "int8",
-            Self::U16 => "uint16",
-            Self::I16 => "int16",
-            Self::U32 => "uint32",
-            Self::I32 => "int32",
-            Self::F32 => "float32",
-            Self::F64 => "float64",
-        }
-    }
-
-    /// Samples in the machine's byte order as f64, which holds each of these types exactly.
-    pub(super) fn decode(self, bytes: &[u8], out: &mut [f64]) {
-        fn each<const N: usize>(bytes: &[u8], out: &mut [f64], value: impl Fn([u8; N]) -> f64) {
-            for (height, sample) in out.iter_mut().zip(bytes.as_chunks::<N>().0) {
-                *height = value(*sample);
-            }
-        }
-        match self {
-            Self::U8 => each(bytes, out, |b| u8::from_ne_bytes(b).into()),
-            Self::I8 => each(bytes, out, |b| i8::from_ne_bytes(b).into()),
-            Self::U16 => each(bytes, out, |b| u16::from_ne_bytes(b).into()),
-            Self::I16 => each(bytes, out, |b| i16::from_ne_bytes(b).into()),
-            Self::U32 => each(bytes, out, |b| u32::from_ne_bytes(b).into()),
-            Self::I32 => each(bytes, out, |b| i32::from_ne_bytes(b).into()),
-            Self::F32 => each(bytes, out, |b| f32::from_ne_bytes(b).into()),
-            Self::F64 => each(bytes, out, f64::from_ne_bytes),
-        }
-    }
-}
 
 /// A checked layout.
 #[derive(Debug)]
@@ -135,31 +60,9 @@ impl Layout {
         if block_width == 0 || block_height == 0 {
             return Err(malformed("its blocks have no extent".to_owned()));
         }
-        let columns = (width as usize).div_ceil(block_width);
-        let rows = (height as usize).div_ceil(block_height);
-        let planes = if raster.planar_configuration == 1 { 1 } else { raster.samples_per_pixel };
-        let (offsets, lengths) = if ifd.is_tiled() {
-            (ifd.tile_offsets(), ifd.tile_byte_counts())
-        } else {
-            (ifd.strip_offsets(), ifd.strip_byte_counts())
-        };
-        let (Some(offsets), Some(lengths)) = (offsets, lengths) else {
-            return Err(malformed("it has no table of its blocks".to_owned()));
-        };
-        let blocks = (columns * rows).checked_mul(planes);
-        if blocks != Some(offsets.len()) || blocks != Some(lengths.len()) {
-            let detail = format!(
-                "{width} x {height} posts in blocks of {block_width} x {block_height} do not need a table of {} and {} \
-                 blocks",
-                offsets.len(),
-                lengths.len()
-            );
-            return Err(malformed(detail));
-        }
-        let interleaved = if planes == 1 { raster.samples_per_pixel } else { 1 };
-        let row_bytes = width as usize * sample.bytes();
-        let band_blocks = (BAND_BYTES / (row_bytes * block_height).max(1) as u64).max(1) as usize;
-        let layout = Self {
+        let row_of_blocks = (width as usize * sample.bytes()).saturating_mul(block_height) as u64;
+        let band_blocks = (BAND_BYTES / row_of_blocks).max(1) as usize;
+        let mut layout = Self {
             width,
             height,
             sample,
@@ -170,64 +73,83 @@ impl Layout {
             block_height,
             band_height: block_height.saturating_mul(band_blocks).min(height as usize),
         };
-        layout.check_blocks(path, ifd, &offsets, &lengths, interleaved, file_bytes)
+        let (planes, interleaved) =
+            if raster.planar_configuration == 1 { (1, layout.bands) } else { (layout.bands, 1) };
+        let table = layout.table(path, ifd, planes)?;
+        let limits = Limits {
+            file_bytes,
+            ratio: greatest_ratio(ifd.compression()),
+            block_bytes: (block_width as u64)
+                .saturating_mul(block_height as u64)
+                .saturating_mul((sample.bytes() * interleaved) as u64),
+        };
+        layout.check_blocks(path, &table, &limits)?;
+        Ok(layout)
+    }
+
+    /// Columns and rows of blocks.
+    fn blocks(&self) -> (usize, usize) {
+        ((self.width as usize).div_ceil(self.block_width), (self.height as usize).div_ceil(self.block_height))
+    }
+
+    /// Offset and length of each block of the first band, of tables that are as long as the image needs.
+    fn table(&self, path: &Path, ifd: &Ifd, planes: usize) -> Result<Vec<(u64, u64)>, DemError> {
+        let (offsets, lengths) = if ifd.is_tiled() {
+            (ifd.tile_offsets(), ifd.tile_byte_counts())
+        } else {
+            (ifd.strip_offsets(), ifd.strip_byte_counts())
+        };
+        let (offsets, lengths) = (offsets.unwrap_or_default(), lengths.unwrap_or_default());
+        let (columns, rows) = self.blocks();
+        let blocks = (columns * rows).checked_mul(planes);
+        if blocks != Some(offsets.len()) || blocks != Some(lengths.len()) {
+            let detail = format!(
+                "{} x {} posts in blocks of {} x {} do not need tables of {} and {} blocks",
+                self.width,
+                self.height,
+                self.block_width,
+                self.block_height,
+                offsets.len(),
+                lengths.len()
+            );
+            return Err(DemError::malformed(path, super::FORMAT, detail));
+        }
+        Ok(offsets.into_iter().zip(lengths).take(columns * rows).collect())
     }
 
     /// Checks that each block is in the file, and that its stored bytes can hold what they decode to.
-    fn check_blocks(
-        mut self,
-        path: &Path,
-        ifd: &Ifd,
-        offsets: &[u64],
-        lengths: &[u64],
-        interleaved: usize,
-        file_bytes: u64,
-    ) -> Result<Self, DemError> {
-        let columns = (self.width as usize).div_ceil(self.block_width);
-        let rows = (self.height as usize).div_ceil(self.block_height);
-        let ratio = greatest_ratio(ifd.compression());
-        let pixel_bytes = (self.sample.bytes() * interleaved) as u64;
-        let block_bytes =
-            (self.block_width as u64).saturating_mul(self.block_height as u64).saturating_mul(pixel_bytes);
+    fn check_blocks(&mut self, path: &Path, table: &[(u64, u64)], limits: &Limits) -> Result<(), DemError> {
+        let (columns, rows) = self.blocks();
         let mut band_stored = 0_u64;
-        for n in 0..columns * rows {
-            let (row, column) = (n / columns, n % columns);
-            let (offset, stored) = (offsets[n], lengths[n]);
+        for (n, &(offset, stored)) in table.iter().enumerate() {
             if offset == 0 || stored == 0 {
                 self.missing.resize(columns * rows, false);
                 self.missing[n] = true;
                 self.missing_blocks += 1;
-            } else if offset.checked_add(stored).is_none_or(|end| end > file_bytes) {
-                let detail = format!(
-                    "block {n} lies at bytes {offset} to {} of a file of {file_bytes}; it is cut short: fetch it again",
-                    offset.saturating_add(stored)
-                );
-                return Err(DemError::malformed(path, super::FORMAT, detail));
-            } else if block_bytes > FREE_BYTES.max(stored.saturating_mul(ratio)) {
-                return Err(too_large(path, "a block", block_bytes, stored));
+                limits.check_missing(path)?;
+            } else {
+                limits.check_block(path, n, offset, stored)?;
             }
             band_stored = band_stored.saturating_add(stored);
-            let below = (row + 1) * self.block_height;
-            if column + 1 == columns && (below >= self.height as usize || below.is_multiple_of(self.band_height)) {
-                if band_stored > file_bytes {
-                    let detail =
-                        format!("its blocks overlap: a row of them claims {band_stored} of {file_bytes} bytes");
-                    return Err(DemError::malformed(path, super::FORMAT, detail));
-                }
-                self.check_band(path, band_stored.saturating_mul(ratio).max(2 * file_bytes))?;
+            let below = (n / columns + 1) * self.block_height;
+            let last = below >= self.height as usize || below.is_multiple_of(self.band_height);
+            if last && (n + 1).is_multiple_of(columns) {
+                self.check_band(path, band_stored, limits)?;
                 band_stored = 0;
             }
         }
-        if block_bytes > MAX_BAND_BYTES as u64 {
-            return Err(too_large(path, "a block", block_bytes, file_bytes));
-        }
-        Ok(self)
+        Ok(())
     }
 
-    fn check_band(&self, path: &Path, allowed: u64) -> Result<(), DemError> {
+    fn check_band(&self, path: &Path, stored: u64, limits: &Limits) -> Result<(), DemError> {
+        if stored > limits.file_bytes {
+            let detail = format!("its blocks overlap: a row of them claims {stored} of {} bytes", limits.file_bytes);
+            return Err(DemError::malformed(path, super::FORMAT, detail));
+        }
         let bytes = self.band_height as u64 * u64::from(self.width) * self.sample.bytes() as u64;
-        if bytes > FREE_BYTES.max(allowed).min(MAX_BAND_BYTES as u64) {
-            return Err(too_large(path, "a row of blocks", bytes, allowed));
+        let allowed = FREE_BYTES.max(stored.saturating_mul(limits.ratio)).max(limits.file_bytes.saturating_mul(2));
+        if bytes > allowed.min(MAX_BAND_BYTES as u64) {
+            return Err(too_large(path, "a row of blocks", bytes, stored));
         }
         Ok(())
     }
@@ -245,12 +167,48 @@ impl Layout {
 
     /// Makes void what lies in blocks that are not stored.
     pub(super) fn mark_missing(&self, row: usize, out: &mut [f64]) {
-        let columns = (self.width as usize).div_ceil(self.block_width);
+        let (columns, _) = self.blocks();
         let first = row / self.block_height * columns;
         let Some(missing) = self.missing.get(first..first + columns) else { return };
         for (posts, _) in out.chunks_mut(self.block_width).zip(missing).filter(|(_, missing)| **missing) {
             posts.fill(f64::NAN);
         }
+    }
+}
+
+/// What a block may decode to.
+struct Limits {
+    file_bytes: u64,
+    /// Most bytes that one stored byte can decode to.
+    ratio: u64,
+    /// Bytes of a decoded block.
+    block_bytes: u64,
+}
+
+impl Limits {
+    /// The decoder makes a block of zeros for one that is not stored.
+    fn check_missing(&self, path: &Path) -> Result<(), DemError> {
+        let allowed = FREE_MISSING_BYTES.max(self.file_bytes.saturating_mul(2)).min(MAX_BAND_BYTES as u64);
+        if self.block_bytes > allowed {
+            return Err(too_large(path, "a block", self.block_bytes, 0));
+        }
+        Ok(())
+    }
+
+    fn check_block(&self, path: &Path, n: usize, offset: u64, stored: u64) -> Result<(), DemError> {
+        if offset.checked_add(stored).is_none_or(|end| end > self.file_bytes) {
+            let detail = format!(
+                "block {n} lies at bytes {offset} to {} of a file of {}; it is cut short: fetch it again",
+                offset.saturating_add(stored),
+                self.file_bytes
+            );
+            return Err(DemError::malformed(path, super::FORMAT, detail));
+        }
+        let allowed = FREE_BYTES.max(stored.saturating_mul(self.ratio)).min(MAX_BAND_BYTES as u64);
+        if self.block_bytes > allowed {
+            return Err(too_large(path, "a block", self.block_bytes, stored));
+        }
+        Ok(())
     }
 }
 
@@ -305,23 +263,4 @@ fn too_large(path: &Path, what: &str, bytes: u64, stored: u64) -> DemError {
          the file is sound, write it out with small tiles, for example with gdal_translate -co TILED=YES"
     );
     DemError::refused(path, detail)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn samples_come_out_exactly() {
-        let mut out = [0.0; 2];
-        let bytes: Vec<_> = [-32_768_i16, 32_767].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        Sample::I16.decode(&bytes, &mut out);
-        assert_eq!(out, [-32_768.0, 32_767.0]);
-        let bytes: Vec<_> = [u32::MAX, 1].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        Sample::U32.decode(&bytes, &mut out);
-        assert_eq!(out, [4_294_967_295.0, 1.0]);
-        let bytes: Vec<_> = [0.1_f32, f32::NAN].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        Sample::F32.decode(&bytes, &mut out);
-        assert!(out[0] == f64::from(0.1_f32) && out[1].is_nan());
-    }
 }

@@ -13,6 +13,7 @@
 
 mod layout;
 mod place;
+mod sample;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -22,7 +23,8 @@ use tiff_reader::{Ifd, ParseBudgets, TiffFile};
 
 use super::nodata::{self, Nodata};
 use super::{DemError, FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, Raster, RasterInfo, crs};
-use layout::{Layout, Sample};
+use layout::Layout;
+use sample::Sample;
 
 /// The format's name in messages.
 const FORMAT: &str = "GeoTIFF";
