@@ -4,6 +4,8 @@
 //! follow by descending from the roots and splitting wherever the base midpoint is active. Two sides that hold the
 //! same set hold the same mesh, in whatever order it was built.
 
+use std::collections::BTreeSet;
+
 use crate::diamond::{Post, RootSquare, Triangle};
 
 /// A mesh that can be asked for its active posts. Heights are exact f64 values in height units.
@@ -34,4 +36,23 @@ pub trait Mesh {
             }
         }
     }
+}
+
+/// The active posts of the coarsest mesh that holds `posts`: the corners, and with each post all its ancestors.
+///
+/// Posts outside the square are passed over.
+pub fn closure(root: RootSquare, posts: impl IntoIterator<Item = Post>) -> BTreeSet<Post> {
+    let mut closed = BTreeSet::from(root.corners());
+    let mut open: Vec<Post> = posts.into_iter().filter(|&p| root.contains(p)).collect();
+    while let Some(p) = open.pop() {
+        if closed.insert(p) {
+            open.extend(root.parents(p));
+        }
+    }
+    closed
+}
+
+/// How many triangles a closed set of active posts makes: each diamond that is split adds one for each of its halves.
+pub fn triangle_count<'a>(root: RootSquare, active: impl IntoIterator<Item = &'a Post>) -> u64 {
+    active.into_iter().fold(2, |sum, &p| sum + root.triangles(p).count() as u64)
 }

@@ -14,7 +14,10 @@ use std::{
 };
 
 use glam::DVec3;
-use sightline_proto::diamond::{Post, RootSquare, Triangle};
+use sightline_proto::{
+    diamond::{Post, RootSquare, Triangle},
+    mesh::Mesh,
+};
 
 use super::Terrain;
 use crate::{
@@ -206,6 +209,11 @@ impl<T: Terrain> DualQueue<T> {
     /// How many posts there is memory for.
     pub(super) fn posts_held(&self) -> usize {
         self.nodes.len()
+    }
+
+    /// Every post whose state changed since the record was last cleared, as often as it did.
+    pub(super) fn toggles(&self) -> &[Post] {
+        &self.toggled
     }
 
     /// The posts whose state differs from when this was last asked, in order; clears the record.
@@ -422,5 +430,19 @@ impl<T: Terrain> DualQueue<T> {
             cost: self.root.triangles(post).count() as u8,
             active_children: 0,
         })
+    }
+}
+
+impl<T: Terrain> Mesh for DualQueue<T> {
+    fn root(&self) -> RootSquare {
+        self.root
+    }
+
+    fn grid_size(&self) -> (u32, u32) {
+        (self.grid.nx(), self.grid.ny())
+    }
+
+    fn height(&self, p: Post) -> Option<f64> {
+        self.height_of(p)
     }
 }

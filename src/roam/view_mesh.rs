@@ -7,7 +7,11 @@ use sightline_proto::{
     mesh::Mesh,
 };
 
-use super::{MeshError, RequiredLine, Target, Terrain, Work, queues::DualQueue, requirements};
+use super::{
+    MeshError, RequiredLine, Target, Terrain, Work,
+    queues::DualQueue,
+    requirements::{Limits, Outcome, Requirements},
+};
 use crate::{
     terrain::{ReadError, SceneScale},
     view::Camera,
@@ -27,6 +31,10 @@ pub struct MeshReport {
     pub removed: Vec<Post>,
     /// Ids of the lines that do not hold on this mesh, ascending: exactly those.
     pub unsatisfied: Vec<u64>,
+    /// Whether the eye is not below the mesh; always true for an eye below the drawn finest surface or beyond the grid.
+    pub eye_clear: bool,
+    /// Triangles of the posts that the lines require and that the plain mesh lacks.
+    pub stolen: u32,
     /// What it took.
     pub work: Work,
 }
@@ -36,6 +44,7 @@ pub struct MeshReport {
 pub struct ViewMesh<T> {
     queue: DualQueue<T>,
     camera: Camera,
+    requirements: Requirements,
     /// What the mesh was made for; `None` before the first update and after a failed one.
     made_for: Option<(Camera, Target, Vec<RequiredLine>)>,
     report: MeshReport,
@@ -46,7 +55,8 @@ impl<T: Terrain> ViewMesh<T> {
     pub fn new(terrain: Arc<T>, scale: SceneScale) -> Result<Self, ReadError> {
         let camera = Camera::everywhere();
         let queue = DualQueue::new(terrain, scale, &camera)?;
-        Ok(Self { queue, camera, made_for: None, report: MeshReport::default() })
+        let (requirements, report) = (Requirements::default(), MeshReport::default());
+        Ok(Self { queue, camera, requirements, made_for: None, report })
     }
 
     /// The terrain.
@@ -70,8 +80,9 @@ impl<T: Terrain> ViewMesh<T> {
         let unchanged = matches!(&self.made_for, Some((c, t, l)) if c == camera && *t == target && l == lines);
         if !unchanged {
             self.made_for = None;
-            self.refine(camera, max, threshold)?;
-            self.report.unsatisfied = self.failing(lines)?;
+            let limits = Limits { camera, max, threshold };
+            let Outcome { unsatisfied, eye_clear, stolen } = self.refine(limits, lines)?;
+            (self.report.unsatisfied, self.report.eye_clear, self.report.stolen) = (unsatisfied, eye_clear, stolen);
             self.made_for = Some((*camera, target, lines.to_vec()));
         }
         self.report.triangles = u32::try_from(self.queue.triangles()).unwrap_or(u32::MAX);
@@ -81,26 +92,17 @@ impl<T: Terrain> ViewMesh<T> {
         Ok(self.report.clone())
     }
 
-    fn refine(&mut self, camera: &Camera, max: u32, threshold: f64) -> Result<(), ReadError> {
+    /// The plain mesh first, with nothing left of earlier requirements; then the lines.
+    fn refine(&mut self, limits: Limits<'_>, lines: &[RequiredLine]) -> Result<Outcome, ReadError> {
+        let Limits { camera, max, threshold } = limits;
+        self.queue.release();
         if self.camera != *camera {
             self.camera = *camera;
             self.queue.look(camera);
             self.queue.requeue();
         }
-        self.queue.release();
-        self.queue.require(&[], camera)?;
-        self.queue.refine(camera, max, threshold)
-    }
-
-    fn failing(&self, lines: &[RequiredLine]) -> Result<Vec<u64>, ReadError> {
-        let mut ids = Vec::new();
-        for line in lines {
-            if !requirements::holds(&self.queue, line)? {
-                ids.push(line.id);
-            }
-        }
-        ids.sort_unstable();
-        Ok(ids)
+        self.queue.refine(camera, max, threshold)?;
+        self.requirements.satisfy(&mut self.queue, limits, lines)
     }
 
     /// How many posts are held in memory: the active ones and those that could be split next.

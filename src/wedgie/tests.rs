@@ -152,13 +152,3 @@ fn bounds_do_not_depend_on_the_number_of_threads() {
     };
     assert_eq!(with(1), with(3));
 }
-
-/// Not a guard but a measurement: `cargo test --release bounds_of_a_large_terrain -- --ignored --nocapture`.
-#[test]
-#[ignore = "needs half a minute; prints how long all bounds of 4801 x 4801 posts take"]
-fn bounds_of_a_large_terrain() {
-    let field = synthetic::fractal(4801, 4801, 1, 4000).unwrap();
-    let start = std::time::Instant::now();
-    let pyramid = BoundsPyramid::compute(&field, SCALE).unwrap();
-    println!("{:?} for {} lattices", start.elapsed(), pyramid.lattices().len());
-}

@@ -1,15 +1,26 @@
-//! Sight lines as requirements on a mesh: what they ask, and whether a mesh gives it.
+//! Sight lines as requirements on a mesh: the splits that make them right, and a name for each that is not.
 //!
-//! Every question is put to exact predicates; a verdict is never decided by a rounded sum.
+//! Follows Duchaineau et al., "Good terrain geometry, cheap!", section 8.5, in lifting the priority of triangles that
+//! matter to a line. It departs in lifting as few as it can: a visible line needs a split only where a mesh triangle's
+//! chord rises above it, a blocked one a single place where the mesh still blocks it; the paper refines fully wherever
+//! a line meets a wedgie, which is the fidelity [`Fidelity::Wedgie`] here.
+//!
+//! Every question about a line is put to exact predicates; a verdict is never decided by a rounded sum. What is
+//! required is found anew in each update from the plain mesh, so nothing is left over from earlier ones.
 
+mod closure;
+mod engine;
+mod ground;
 mod rule;
+mod stable;
+mod witness;
 
-use sightline_proto::{mesh::Mesh, verdict::MeshVerdict};
+#[cfg(test)]
+mod tests;
 
-use super::{Terrain, queues::DualQueue};
-use crate::terrain::ReadError;
+use sightline_proto::verdict::MeshVerdict;
 
-pub(super) use rule::Rule;
+pub(super) use engine::{Limits, Outcome, Requirements};
 
 /// How much of the terrain's truth a sight line asks of a mesh.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Debug)]
@@ -39,26 +50,4 @@ pub struct RequiredLine {
     pub fidelity: Fidelity,
     /// Lines are satisfied in order of priority, least first, then id.
     pub priority: u32,
-}
-
-/// Whether `line` holds on the mesh as it stands.
-pub(super) fn holds<T: Terrain>(mesh: &DualQueue<T>, line: &RequiredLine) -> Result<bool, ReadError> {
-    match Rule::of(line) {
-        None => Ok(true),
-        Some(rule) => rule.holds(mesh, line.a, line.b),
-    }
-}
-
-impl<T: Terrain> Mesh for DualQueue<T> {
-    fn root(&self) -> sightline_proto::diamond::RootSquare {
-        self.grid().root()
-    }
-
-    fn grid_size(&self) -> (u32, u32) {
-        (self.grid().nx(), self.grid().ny())
-    }
-
-    fn height(&self, p: sightline_proto::diamond::Post) -> Option<f64> {
-        self.height_of(p)
-    }
 }

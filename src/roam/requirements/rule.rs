@@ -1,10 +1,16 @@
-//! What makes a mesh triangle wrong for a line.
+//! What makes a triangle wrong for a line, on the mesh and anywhere in the hierarchy.
 
 use std::ops::ControlFlow;
 
-use sightline_proto::verdict::{MeshVerdict, for_each_triangle_met, passes_above, passes_below, verdict_on_mesh};
+use sightline_proto::{
+    diamond::{Post, Triangle},
+    verdict::{MeshVerdict, for_each_triangle_met, passes_above, passes_below, verdict_on_mesh},
+};
 
-use super::{Fidelity, RequiredLine};
+use super::{
+    Fidelity, RequiredLine,
+    ground::{Ground, moved},
+};
 use crate::{
     roam::{Terrain, queues::DualQueue},
     terrain::ReadError,
@@ -36,39 +42,74 @@ impl Rule {
     }
 
     /// Whether the line AB holds on the mesh. Exact.
-    pub(in crate::roam) fn holds<T: Terrain>(
+    pub(super) fn holds<T: Terrain>(self, mesh: &DualQueue<T>, line: &RequiredLine) -> Result<bool, ReadError> {
+        match self {
+            Self::Clear => Ok(verdict_on_mesh(mesh, line.a, line.b) == MeshVerdict::Visible),
+            Self::Blocked => Ok(verdict_on_mesh(mesh, line.a, line.b) == MeshVerdict::Blocked),
+            Self::Wedgie | Self::Profile => Ok(self.offenders(mesh, line, 1)?.is_empty()),
+        }
+    }
+
+    /// The first triangles of the mesh, at most `limit`, that break the rule, which is not [`Rule::Blocked`].
+    pub(super) fn offenders<T: Terrain>(
         self,
         mesh: &DualQueue<T>,
-        a: [f64; 3],
-        b: [f64; 3],
-    ) -> Result<bool, ReadError> {
-        match self {
-            Self::Clear => return Ok(verdict_on_mesh(mesh, a, b) == MeshVerdict::Visible),
-            Self::Blocked => return Ok(verdict_on_mesh(mesh, a, b) == MeshVerdict::Blocked),
-            Self::Wedgie | Self::Profile => {}
-        }
-        let mut failure = None;
-        let flow = for_each_triangle_met(mesh, a, b, |triangle| {
-            let Some(middle) = triangle.base_midpoint() else { return ControlFlow::Continue(()) };
-            if self == Self::Profile {
-                return ControlFlow::Break(());
+        line: &RequiredLine,
+        limit: usize,
+    ) -> Result<Vec<Triangle>, ReadError> {
+        let (mut found, mut failure) = (Vec::new(), None);
+        let _ = for_each_triangle_met(mesh, line.a, line.b, |triangle| {
+            let tight = |p| mesh.tight(p);
+            match self.breaks(&triangle, mesh.corners_in_space(&triangle), tight, line, mesh.grid_posts()) {
+                Ok(false) => return ControlFlow::Continue(()),
+                Ok(true) => found.push(triangle),
+                Err(error) => failure = Some(error),
             }
-            let met = mesh
-                .tight(middle)
-                .map(|thickness| meets_wedgie(a, b, mesh.corners_in_space(&triangle), thickness, mesh.grid_posts()));
-            match met {
-                Ok(false) => ControlFlow::Continue(()),
-                Ok(true) => ControlFlow::Break(()),
-                Err(error) => {
-                    failure = Some(error);
-                    ControlFlow::Break(())
+            if failure.is_some() || found.len() >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        failure.map_or(Ok(found), Err)
+    }
+
+    /// Whether a triangle breaks the rule if it is one of the mesh, given, for [`Rule::Profile`], that the line meets it
+    /// in plan. `corners` are its own, in space; `tight` gives the thickness of a diamond. Not for [`Rule::Blocked`].
+    fn breaks(
+        self,
+        triangle: &Triangle,
+        corners: [[f64; 3]; 3],
+        tight: impl FnOnce(Post) -> Result<f32, ReadError>,
+        line: &RequiredLine,
+        grid: (u32, u32),
+    ) -> Result<bool, ReadError> {
+        Ok(match (self, triangle.base_midpoint()) {
+            (Self::Clear, _) => passes_below(line.a, line.b, corners, grid),
+            (Self::Wedgie, Some(middle)) => meets_wedgie(line.a, line.b, corners, tight(middle)?, grid),
+            (Self::Profile, Some(_)) => true,
+            (Self::Wedgie | Self::Profile, None) => false,
+            (Self::Blocked, _) => unreachable!("a blocked line has no offending triangles"),
+        })
+    }
+
+    /// The splits that an offending triangle needs, from itself downwards until no part of it breaks the rule. For
+    /// [`Rule::Clear`] and [`Rule::Wedgie`].
+    pub(super) fn splits_below<T: Terrain>(
+        self,
+        ground: &Ground<'_, T>,
+        line: &RequiredLine,
+        offender: Triangle,
+    ) -> Result<Vec<Post>, ReadError> {
+        let grid = (ground.grid().nx(), ground.grid().ny());
+        let (mut splits, mut open) = (Vec::new(), vec![offender]);
+        while let Some(triangle) = open.pop() {
+            let Some(middle) = triangle.base_midpoint() else { continue };
+            splits.push(middle);
+            for child in triangle.children(middle) {
+                let corners = ground.in_space(&child)?;
+                if self.breaks(&child, corners, |p| Ok(ground.bounds(p)?.tight), line, grid)? {
+                    open.push(child);
                 }
             }
-        });
-        match failure {
-            Some(error) => Err(error),
-            None => Ok(flow.is_continue()),
         }
+        Ok(splits)
     }
 }
 
@@ -81,10 +122,14 @@ pub(super) fn meets_wedgie(a: [f64; 3], b: [f64; 3], corners: [[f64; 3]; 3], thi
     if thickness <= 0.0 {
         return false;
     }
-    let top = corners.map(|[x, y, z]| [x, y, (z + f64::from(thickness)).next_up()]);
-    let bottom = corners.map(|[x, y, z]| [x, y, (z - f64::from(thickness)).next_down()]);
-    if !top.iter().chain(&bottom).all(|corner| corner[2].is_finite()) {
-        return true;
+    let thickness = f64::from(thickness);
+    let outward = |by: f64, step: fn(f64) -> f64| {
+        moved(corners, by)
+            .map(|plane| plane.map(|[x, y, z]| [x, y, step(z)]))
+            .filter(|p| p.iter().all(|c| c[2].is_finite()))
+    };
+    match (outward(thickness, f64::next_up), outward(-thickness, f64::next_down)) {
+        (Some(top), Some(bottom)) => passes_below(a, b, top, grid) && passes_above(a, b, bottom, grid),
+        _ => true,
     }
-    passes_below(a, b, top, grid) && passes_above(a, b, bottom, grid)
 }
