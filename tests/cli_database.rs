@@ -128,3 +128,33 @@ fn bad_input_and_usage_have_their_own_statuses() {
     }
     assert!(!output.exists());
 }
+
+/// However far an ingest has come when it is killed, the old database is still there and sound, or the new one is.
+#[test]
+fn an_ingest_that_is_killed_leaves_the_old_database_or_the_new() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let input = input.to_str().unwrap();
+    let output = folder.path().join("it.sldb");
+    let db = output.to_str().unwrap();
+    let version = |unit: &str| {
+        assert_eq!(status(&sightline(&["ingest", input, "-o", db, "--unit", unit, "--force", "--quiet"])), 0);
+        fs::read(&output).unwrap()
+    };
+    let (new, old) = (version("0.25"), version("1"));
+    let mut kept = 0;
+    for delay in 0..30 {
+        fs::write(&output, &old).unwrap();
+        let mut ingest = Command::new(env!("CARGO_BIN_EXE_sightline"))
+            .args(["ingest", input, "-o", db, "--unit", "0.25", "--force", "--quiet"])
+            .spawn()
+            .unwrap();
+        std::thread::sleep(std::time::Duration::from_micros(delay * 1000));
+        ingest.kill().unwrap();
+        ingest.wait().unwrap();
+        let found = fs::read(&output).unwrap();
+        assert!(found == old || found == new, "after {delay} ms");
+        kept += usize::from(found == old);
+    }
+    assert!(kept > 0, "the first kill comes before the program can have done anything");
+}

@@ -10,6 +10,9 @@ use crate::{
     dem,
 };
 
+/// Inputs that the manifest names; it has a limited length.
+const SOURCES_NAMED: usize = 1000;
+
 /// Turn elevation files into a terrain database.
 #[derive(clap::Args, Debug)]
 pub(super) struct Args {
@@ -64,7 +67,6 @@ impl Args {
             eprintln!("{} x {} posts, {}", info.nx, info.ny, info.format);
             info.notes.iter().for_each(|note| eprintln!("note: {note}"));
         }
-        let name = |path: &PathBuf| path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let options = IngestOptions {
             unit_m: self.unit,
             voids: match self.void {
@@ -72,13 +74,13 @@ impl Args {
                 Void::Reject => VoidPolicy::Reject,
             },
             replace: self.force,
-            sources: self.inputs.iter().map(name).collect(),
+            sources: names(&self.inputs),
         };
         let mut progress = Progress::new(context, "posts");
         let done = database::ingest(&mut *raster, &self.output, &options, &mut |p| match p.stage {
             Stage::Reading => progress.tell("reading", p.done, p.total),
             Stage::Filling => progress.tell("filling voids", 0, 0),
-            Stage::Bounding => progress.tell("computing error bounds", 0, 0),
+            Stage::Bounding => progress.tell("measuring", p.done, p.total),
             Stage::Writing => progress.tell("writing", p.done, p.total),
         });
         progress.finish();
@@ -130,6 +132,16 @@ impl Args {
             hex(&done.written.version)
         );
     }
+}
+
+/// The names of the inputs, without their folders.
+fn names(inputs: &[PathBuf]) -> Vec<String> {
+    let name = |path: &PathBuf| path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let mut names: Vec<_> = inputs.iter().take(SOURCES_NAMED).map(name).collect();
+    if inputs.len() > SOURCES_NAMED {
+        names.push(format!("and {} more", inputs.len() - SOURCES_NAMED));
+    }
+    names
 }
 
 fn dem_failure(error: dem::DemError) -> Failure {

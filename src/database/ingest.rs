@@ -3,7 +3,10 @@
 //! The heights become integers of the declared unit, to the nearest and ties away from zero; from then on that is the
 //! terrain. The heights and bounds of the whole terrain are in memory meanwhile (about 2 and 8 bytes a post).
 
-use std::path::Path;
+use std::{
+    path::Path,
+    sync::{Mutex, PoisonError},
+};
 
 use thiserror::Error;
 
@@ -56,7 +59,7 @@ pub enum Stage {
     Writing,
 }
 
-/// How far an ingest has come: posts done in this stage, of all posts. Filling and bounding report their start only.
+/// How far an ingest has come: posts done in this stage, of all posts. Filling reports its start only.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IngestProgress {
     /// What it is doing.
@@ -130,12 +133,12 @@ impl From<ReadError> for IngestError {
     }
 }
 
-/// Ingests `raster` into a database at `path`.
+/// Ingests `raster` into a database at `path`. `progress` is called from any thread, one at a time.
 pub fn ingest(
     raster: &mut dyn Raster,
     path: &Path,
     options: &IngestOptions,
-    progress: &mut dyn FnMut(IngestProgress),
+    progress: &mut (dyn FnMut(IngestProgress) + Send),
 ) -> Result<Ingested, IngestError> {
     writer::refuse_existing(path, options.replace)?;
     let info = raster.info().clone();
@@ -162,8 +165,15 @@ pub fn ingest(
         Some(place) => place.scene_scale(info.nx, info.ny, unit_m),
         None => SceneScale { up_m: unit_m, ..SceneScale::UNIT },
     };
-    tell(Stage::Bounding, 0);
-    let bounds = BoundsPyramid::compute(&field, scale)?;
+    let bounds = {
+        let state = Mutex::new((0, &mut tell));
+        BoundsPyramid::compute_with(&field, scale, &|more| {
+            let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
+            state.0 += more;
+            let done = state.0;
+            (state.1)(Stage::Bounding, done);
+        })?
+    };
     let seams = raster.seams();
     let provenance = Provenance {
         sources: options.sources.clone(),

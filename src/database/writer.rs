@@ -17,7 +17,7 @@ use super::{
     error::WriteError,
     format::{self, Element, Kind, REQUIRED, Section},
     layout::{BOUNDS_BYTES, Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
-    manifest::{Manifest, Provenance, TerrainManifest},
+    manifest::{MANIFEST_LIMIT, Manifest, Provenance, TerrainManifest},
     pages,
 };
 use crate::{
@@ -179,8 +179,14 @@ impl<'a, H: HeightField> Content<'a, H> {
             return Err(WriteError::Description("the bounds are not those of this grid".into()));
         }
         let lattices: Vec<_> = bounds.lattices().iter().map(|lattice| (lattice.columns(), lattice.rows())).collect();
-        let manifest_bytes = envelope::seal(&manifest)?.len() as u64;
-        let (sections, file_bytes) = plan(manifest_bytes, grid, survey.element(), survey.bitmap_bytes, &lattices);
+        let manifest_bytes = envelope::seal(&manifest)?.len();
+        if manifest_bytes > MANIFEST_LIMIT {
+            let words =
+                format!("the manifest has {manifest_bytes} bytes, more than {MANIFEST_LIMIT}: name fewer sources");
+            return Err(WriteError::Description(words));
+        }
+        let (sections, file_bytes) =
+            plan(manifest_bytes as u64, grid, survey.element(), survey.bitmap_bytes, &lattices);
         Ok(Self { field, bounds, manifest, sections, file_bytes })
     }
 

@@ -57,7 +57,13 @@ impl Maxima {
 }
 
 /// Raises `tight[k - 1]`, for each stored lattice of step 2^k, to the deviations of its diamonds.
-pub(super) fn measure<H: HeightField + ?Sized>(field: &H, tight: &[Maxima]) -> Result<(), ReadError> {
+///
+/// `progress` is told, from any thread, how many posts more are done.
+pub(super) fn measure<H: HeightField + ?Sized>(
+    field: &H,
+    tight: &[Maxima],
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<(), ReadError> {
     let grid = field.grid();
     let cells = BLOCK_CELLS.min(grid.root().side());
     let exact = arithmetic_is_exact(field)?;
@@ -68,7 +74,10 @@ pub(super) fn measure<H: HeightField + ?Sized>(field: &H, tight: &[Maxima]) -> R
         || (Posts::new(field), vec![0.0; BLOCK_POSTS * BLOCK_POSTS]),
         |(posts, z), n| {
             let (x0, y0) = ((n % u64::from(columns)) as u32 * cells, (n / u64::from(columns)) as u32 * cells);
-            Block::load(posts, z, x0, y0, cells, exact)?.measure(posts, tight)
+            Block::load(posts, z, x0, y0, cells, exact)?.measure(posts, tight)?;
+            let within = |start: u32, posts: u32| u64::from(posts.saturating_sub(start).min(cells));
+            progress(within(x0, grid.nx()) * within(y0, grid.ny()));
+            Ok(())
         },
     )
 }

@@ -81,10 +81,20 @@ pub struct BoundsPyramid {
 impl BoundsPyramid {
     /// Computes all bounds of a field, on the threads of the current pool. The result does not depend on them.
     pub fn compute<H: HeightField + ?Sized>(field: &H, scale: SceneScale) -> Result<Self, ReadError> {
+        Self::compute_with(field, scale, &|_| ())
+    }
+
+    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are measured: nearly all
+    /// of the work.
+    pub fn compute_with<H: HeightField + ?Sized>(
+        field: &H,
+        scale: SceneScale,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> Result<Self, ReadError> {
         let grid = field.grid();
         let sizes: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
         let tight: Vec<_> = sizes.iter().map(|&(columns, rows)| Maxima::new(columns, rows)).collect();
-        deviation::measure(field, &tight)?;
+        deviation::measure(field, &tight, progress)?;
         let mut lattices: Vec<Lattice> = Vec::with_capacity(sizes.len());
         for (k, maxima) in (1_u8..).zip(tight) {
             let (columns, rows) = Lattice::size(grid, k);
