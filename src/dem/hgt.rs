@@ -256,7 +256,8 @@ fn hgt_entry(path: &Path, archive: &mut ZipArchive<File>) -> Result<HgtEntry, De
     for index in 0..archive.len() {
         let entry = archive.by_index_raw(index).map_err(|e| zip_error(path, &e))?;
         let name = entry.name().rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
-        if !name.to_ascii_lowercase().ends_with(".hgt") || entry.is_dir() {
+        // macOS puts a hidden companion beside each file that it packs.
+        if !name.to_ascii_lowercase().ends_with(".hgt") || name.starts_with('.') || entry.is_dir() {
             continue;
         }
         if entry.encrypted() {

@@ -26,9 +26,16 @@ pub(crate) fn gz(content: &[u8]) -> Vec<u8> {
 
 /// `content` as the entry `name` of a zip archive.
 pub(crate) fn zip(name: &str, content: &[u8]) -> Vec<u8> {
+    zip_of(&[(name, content)])
+}
+
+/// A zip archive of several entries.
+pub(crate) fn zip_of(entries: &[(&str, &[u8])]) -> Vec<u8> {
     let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
-    writer.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
-    writer.write_all(content).unwrap();
+    for (name, content) in entries {
+        writer.start_file(*name, zip::write::SimpleFileOptions::default()).unwrap();
+        writer.write_all(content).unwrap();
+    }
     writer.finish().unwrap().into_inner()
 }
 

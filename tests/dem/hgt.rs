@@ -2,7 +2,7 @@
 
 use sightline::dem::{self, DemError, OpenOptions, SeamReport};
 
-use crate::encoders::{gz, hgt, zip};
+use crate::encoders::{gz, hgt, zip, zip_of};
 use crate::{Folder, assert_same, open, read};
 
 const SIDE: usize = 1201;
@@ -18,7 +18,8 @@ fn a_tile_is_the_same_raw_zipped_and_gzipped_in_any_letter_case() {
     let files = [
         folder.put("n44w072.HGT", &tile),
         folder.put("N44W072.hgt.zip", zip("N44W072.HGT", &tile)),
-        folder.put("tile.ZIP", zip("srtm/n44w072.hgt", &tile)),
+        folder
+            .put("tile.ZIP", zip_of(&[("__MACOSX/._n44w072.hgt", b"x"), ("srtm/n44w072.hgt", &tile), ("a.txt", b"")])),
         folder.put("N44W072.SRTMGL3.hgt.gz", gz(&tile)),
     ];
     for path in files {
@@ -52,6 +53,8 @@ fn names_and_sizes_that_are_no_tiles_are_refused() {
     assert!(error("N44W072.hgt", b"version https://git-lfs.github.com/spec/v1\n").contains("git lfs pull"));
     assert!(error("N44W072.zip", &zip("N45W072.hgt", &tile)).contains("holds N45W072"));
     assert!(error("N44W072.zip", &zip("readme.txt", &tile)).contains("no .hgt"));
+    let two = zip_of(&[("N44W072.hgt", &tile), ("N45W072.hgt", b"")]);
+    assert!(error("N44W072.zip", &two).contains("several .hgt"));
     assert!(error("N44W072.hgt.gz", &gz(&tile[2..])).contains("2884800 bytes"));
     assert!(error("N44W072.hgt.gz", &gz(&[])).contains("0 bytes"));
     // A gzip file whose last four bytes promise another tile than it holds.
