@@ -5,5 +5,6 @@ pub mod dice;
 pub mod flight;
 pub mod oracle;
 pub mod record;
+pub mod recording;
 pub mod sabotage;
 pub mod scenario;

@@ -3,14 +3,17 @@
 use sightline_proto::v1;
 use thiserror::Error;
 
-use crate::terrain::Grid;
+use crate::{
+    los::{self, LosError, Options, Verdict},
+    terrain::{Grid, HeightField},
+};
 
 /// Why the truth could not be had. Never a verdict.
-#[derive(Clone, PartialEq, Eq, Debug, Error)]
+#[derive(Clone, PartialEq, Debug, Error)]
 #[error("the finest terrain does not answer: {0}")]
-pub struct OracleError(pub String);
+pub struct OracleError(#[from] pub LosError);
 
-/// A sight line's ends in the grid frame, or places above ground still to be resolved.
+/// A sight line's ends in the grid frame.
 pub type Ends = [[f64; 3]; 2];
 
 /// Exact answers on the finest terrain.
@@ -27,4 +30,34 @@ pub trait Oracle {
 
     /// The same by the naive rational reference.
     fn naive_verdict(&mut self, ends: Ends) -> Result<v1::Verdict, OracleError>;
+}
+
+/// The truth of a height field.
+#[derive(Debug)]
+pub struct FieldOracle<'a, H: HeightField + ?Sized>(pub &'a H);
+
+impl<H: HeightField + ?Sized> Oracle for FieldOracle<'_, H> {
+    fn grid(&self) -> Grid {
+        self.0.grid()
+    }
+
+    fn above_ground(&mut self, x: f64, y: f64, above: f64) -> Result<Option<f64>, OracleError> {
+        Ok(los::on_ground(self.0, x, y, above)?)
+    }
+
+    fn verdict(&mut self, [a, b]: Ends) -> Result<v1::Verdict, OracleError> {
+        Ok(wire_verdict(los::line_of_sight(self.0, a, b, Options::default())?.verdict))
+    }
+
+    fn naive_verdict(&mut self, [a, b]: Ends) -> Result<v1::Verdict, OracleError> {
+        Ok(wire_verdict(los::naive::line_of_sight(self.0, a, b, Options::default())?.verdict))
+    }
+}
+
+fn wire_verdict(verdict: Verdict) -> v1::Verdict {
+    match verdict {
+        Verdict::Visible => v1::Verdict::Visible,
+        Verdict::Unknown => v1::Verdict::Unknown,
+        Verdict::Blocked => v1::Verdict::Blocked,
+    }
 }
