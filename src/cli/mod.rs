@@ -5,10 +5,15 @@
 //! 4 environment. A BLOCKED verdict is 0.
 
 pub mod args;
+mod consistency;
+mod demo;
+mod generator;
 mod info;
 mod ingest;
+mod pictures;
 mod progress;
 mod verify;
+mod view;
 
 use std::{ffi::OsString, fmt::Display, process::ExitCode};
 
@@ -46,6 +51,11 @@ enum Verb {
     Ingest(ingest::Args),
     Info(info::Args),
     Verify(verify::Args),
+    View(view::Args),
+    Consistency(consistency::Args),
+    Demo(demo::Args),
+    #[command(hide = true)]
+    SceneGenerator(consistency::worker::Args),
 }
 
 /// Why a verb did not end well: what to tell the user, and the exit status.
@@ -111,6 +121,10 @@ impl Verb {
             Self::Ingest(args) => args.run(context),
             Self::Info(args) => args.run(context),
             Self::Verify(args) => args.run(context),
+            Self::View(args) => args.run(context),
+            Self::Consistency(args) => args.run(context),
+            Self::Demo(args) => args.run(context),
+            Self::SceneGenerator(args) => args.run(),
         }
     }
 }

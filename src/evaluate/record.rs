@@ -12,7 +12,10 @@
 use std::fmt;
 
 use sightline_client::scene::{SceneState, digest_of_lines};
-use sightline_proto::verdict::{MeshVerdict, verdict_on_mesh};
+use sightline_proto::{
+    EYE_LINE_ID,
+    verdict::{MeshVerdict, verdict_on_mesh},
+};
 use thiserror::Error;
 
 /// Longest line of text that a reader accepts, in bytes.
@@ -46,7 +49,7 @@ pub struct FrameRecord {
     pub digest: u64,
     /// Verdict of line k + 1 on the client's own mesh.
     pub verdicts: Vec<Option<MeshVerdict>>,
-    /// Lines that the frame names as unsatisfied.
+    /// Lines of the exercise that the frame names as unsatisfied; the viewer's own eye is not among them.
     pub named: Vec<u64>,
 }
 
@@ -105,7 +108,7 @@ impl FrameRecord {
             hash: meshed.replica().hash(),
             digest: digest_of_lines(told.lines().iter().map(|(&id, line)| (id, line))),
             verdicts,
-            named: meshed.unsatisfied().keys().copied().collect(),
+            named: meshed.unsatisfied().keys().copied().filter(|&id| id != EYE_LINE_ID).collect(),
         }
     }
 }

@@ -120,7 +120,8 @@ pub fn draw_map(
     let [low, high] = window.unwrap_or(surface.extent);
     let (wide, tall) = ((high[0] - low[0]).max(1e-9), (high[1] - low[1]).max(1e-9));
     let height_px = (f64::from(width_px) * tall / wide).clamp(1.0, f64::from(MAX_SIDE_PX)) as u32;
-    let top = surface.height_range_m()[1] + 1.0;
+    // Above everything that is drawn, or the near plane would cut viewers off.
+    let top = marks.iter().fold(surface.height_range_m()[1], |top, m| top.max(m.a[2]).max(m.b[2])) + 1.0;
     let camera = Camera {
         eye: [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), top],
         rotation: [0.0, 0.0, 0.0, 1.0],

@@ -1,0 +1,367 @@
+//! A headless scene generator: flies a path over a server's terrain, keeps its replica, checks it, draws it.
+//!
+//! It knows what the server sent and its own path, nothing else. `view` runs one in this process; `consistency` and
+//! `demo` run several, each a process of its own (the hidden verb `scene-generator`), and read their records.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use prost::Message;
+use serde::{Deserialize, Serialize};
+use sightline_client::{
+    Client, ClientError, Event, View,
+    scene::{self, SceneError, SceneState},
+};
+use sightline_proto::{replica::ApplyError, v1};
+
+use super::{Failure, pictures};
+use crate::evaluate::{
+    flight::{Plan, Preset, Viewpoint},
+    record::{FrameRecord, Kind, Record},
+    recording::{self, Recorder},
+    sabotage::{Sabotage, Saboteur},
+};
+
+/// How long a server may take for a frame.
+const FRAME_TIMEOUT: Duration = Duration::from_secs(120);
+/// Plan points asked of the server at a time.
+const HEIGHTS_CHUNK: usize = 8_192;
+/// Distance of the near plane in metres.
+pub(super) const NEAR_M: f64 = 1.0;
+
+/// Where a generator flies.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) enum FlightOrder {
+    /// A preset over a plan rectangle in metres; the whole terrain when absent.
+    Preset { name: String, area_m: Option<[[f64; 2]; 2]>, seed: u64 },
+    /// Viewpoints as CSV.
+    Listed { csv: String },
+}
+
+/// Which pictures a generator draws.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct PictureOrder {
+    /// The folder; it exists.
+    pub(super) directory: PathBuf,
+    /// Every so many poses; the last pose is always drawn.
+    pub(super) every: u64,
+    /// The plan rectangle in metres of pictures from above; the whole terrain when absent.
+    pub(super) window_m: Option<[[f64; 2]; 2]>,
+}
+
+/// What a generator is to do.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Order {
+    pub(super) name: String,
+    pub(super) address: String,
+    /// Empty for none.
+    pub(super) exercise: String,
+    pub(super) triangles: u32,
+    pub(super) tan_half_fov: f64,
+    pub(super) viewport_px: [u32; 2],
+    pub(super) flight: FlightOrder,
+    /// Poses to fly; all of a listed flight when absent.
+    pub(super) poses: Option<usize>,
+    /// Poses a second of the flight.
+    pub(super) rate_hz: f64,
+    /// Sight lines of which records speak.
+    pub(super) lines: usize,
+    /// Whether to keep a plain view beside, for contrast.
+    pub(super) plain: bool,
+    pub(super) sabotage: Option<Sabotage>,
+    pub(super) pictures: Option<PictureOrder>,
+    /// The file for a recorded session.
+    pub(super) record: Option<PathBuf>,
+}
+
+/// What a generator found.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(super) struct Flown {
+    pub(super) poses: u64,
+    pub(super) frames: u64,
+    pub(super) bytes: u64,
+    pub(super) most_triangles: u32,
+    /// Verdicts on the own mesh that were compared with the stated ones.
+    pub(super) comparisons: u64,
+    /// Those that differ without being named.
+    pub(super) silent_disagreements: u64,
+    /// Times that a line was named as unsatisfied.
+    pub(super) named: u64,
+    /// Frames that could not be applied: wrong hash, wrong count, damage.
+    pub(super) refused: u64,
+    pub(super) last_epoch: u64,
+    pub(super) last_hash: String,
+    pub(super) pictures: Vec<PathBuf>,
+    /// Whether the recording had to stop at its limit; `None` without one.
+    pub(super) recording_cut: Option<bool>,
+}
+
+/// A refusal by the server, as the command line tells it.
+pub(super) fn failure(error: ClientError) -> Failure {
+    match error {
+        ClientError::Connect { .. } | ClientError::Closed => Failure::Environment(error.to_string()),
+        _ => Failure::Input(error.to_string()),
+    }
+}
+
+/// The runtime of verbs that talk to a server.
+pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(|e| Failure::environment("starting threads", e))
+}
+
+/// Flies `order`; `tell` gets a record of each frame.
+pub(super) async fn fly(order: &Order, tell: &mut dyn FnMut(Record) -> Result<(), Failure>) -> Result<Flown, Failure> {
+    let client = Client::connect(&order.address).await.map_err(failure)?;
+    let terrain = client.terrain().await.map_err(failure)?;
+    let viewpoints = viewpoints(&client, &terrain, order).await?;
+    let mut generator = Generator::open(&client, order, &viewpoints[0]).await?;
+    for (k, viewpoint) in (0_u64..).zip(&viewpoints) {
+        generator.fly_to(k, viewpoint, tell).await?;
+        let last = k + 1 == viewpoints.len() as u64;
+        if let Some(pictures) = order.pictures.as_ref().filter(|p| last || k % p.every.max(1) == 0) {
+            generator.draw(pictures, order, viewpoint, k)?;
+        }
+    }
+    generator.finish(order, tell)
+}
+
+/// The poses to fly, their ground asked of the server.
+async fn viewpoints(
+    client: &Client,
+    terrain: &v1::TerrainDescription,
+    order: &Order,
+) -> Result<Vec<Viewpoint>, Failure> {
+    let extent = [
+        f64::from(terrain.nx.saturating_sub(1)) * terrain.metres_per_post_east,
+        f64::from(terrain.ny.saturating_sub(1)) * terrain.metres_per_post_north,
+    ];
+    let usage = |error: crate::evaluate::flight::FlightError| Failure::Usage(error.to_string());
+    let plan = match &order.flight {
+        FlightOrder::Listed { csv } => Plan::listed(csv).map_err(|e| Failure::input("the flight", e))?,
+        FlightOrder::Preset { name, area_m, seed } => {
+            let preset: Preset = name.parse().map_err(usage)?;
+            let area_m = area_m.unwrap_or([[0.0; 2], extent]);
+            Plan::preset(preset, area_m, order.poses.unwrap_or(DEFAULT_POSES), order.rate_hz, *seed).map_err(usage)?
+        }
+    };
+    let points: Vec<_> =
+        plan.ground_points().into_iter().map(|p| [p[0].clamp(0.0, extent[0]), p[1].clamp(0.0, extent[1])]).collect();
+    let ground = ground_m(client, &points).await?;
+    let mut viewpoints = plan.fly(&ground).map_err(usage)?;
+    viewpoints.truncate(order.poses.unwrap_or(usize::MAX));
+    if viewpoints.is_empty() { Err(Failure::Usage("a flight needs at least one frame".into())) } else { Ok(viewpoints) }
+}
+
+/// Poses of a preset when nobody says.
+pub(super) const DEFAULT_POSES: usize = 300;
+
+/// Ground heights in metres; where the ground is unknown, that of the point before.
+async fn ground_m(client: &Client, points: &[[f64; 2]]) -> Result<Vec<f64>, Failure> {
+    let mut out = Vec::with_capacity(points.len());
+    for chunk in points.chunks(HEIGHTS_CHUNK) {
+        let request = v1::GetHeightsRequest {
+            frame: v1::CoordinateFrame::Scene.into(),
+            x: chunk.iter().map(|p| p[0]).collect(),
+            y: chunk.iter().map(|p| p[1]).collect(),
+        };
+        let heights = client.heights(request).await.map_err(failure)?;
+        if heights.z.len() != chunk.len() || heights.known.len() != chunk.len() {
+            return Err(Failure::Input("the server answers with another number of heights than asked".into()));
+        }
+        for (z, known) in heights.z.into_iter().zip(heights.known) {
+            let before = out.last().copied().unwrap_or(0.0);
+            out.push(if known { z } else { before });
+        }
+    }
+    Ok(out)
+}
+
+fn settings(order: &Order, plain: bool) -> v1::ViewSettings {
+    use v1::{
+        subscription::Lines,
+        view_settings::{Projection, Target},
+    };
+    let lines = if plain { Lines::None(v1::NoLines {}) } else { Lines::All(v1::AllLines {}) };
+    v1::ViewSettings {
+        projection: Some(Projection::Perspective(v1::Perspective { tan_half_fov: order.tan_half_fov, near_m: NEAR_M })),
+        viewport_width_px: order.viewport_px[0],
+        viewport_height_px: order.viewport_px[1],
+        target: Some(Target::TriangleBudget(v1::TriangleBudget { triangles: order.triangles })),
+        subscription: Some(v1::Subscription { lines: Some(lines) }),
+    }
+}
+
+fn pose(viewpoint: &Viewpoint) -> v1::Pose {
+    let [x, y, z, w] = viewpoint.rotation;
+    let eye = viewpoint.eye;
+    v1::Pose { eye: Some(v1::Position { x: eye.x, y: eye.y, z: eye.z }), rotation: Some(v1::Quaternion { x, y, z, w }) }
+}
+
+/// One generator in flight.
+struct Generator {
+    view: View,
+    plain: Option<View>,
+    shadow: Option<Shadow>,
+    recorder: Option<Recorder>,
+    lines: usize,
+    flown: Flown,
+}
+
+/// The falsified view of a sabotaged client.
+struct Shadow {
+    saboteur: Saboteur,
+    scene: SceneState,
+}
+
+impl Generator {
+    async fn open(client: &Client, order: &Order, first: &Viewpoint) -> Result<Self, Failure> {
+        let open = |plain| client.open_view(&order.exercise, settings(order, plain), pose(first));
+        let view = open(false).await.map_err(failure)?;
+        let plain = if order.plain { Some(open(true).await.map_err(failure)?) } else { None };
+        let scene = view.scene().clone();
+        let shadow = order.sabotage.map(|kind| Shadow { saboteur: Saboteur::new(kind, scene.clone()), scene });
+        let recorder = order
+            .record
+            .as_ref()
+            .map(|_| Recorder::new(order.triangles, !order.exercise.is_empty(), view.opening_bytes()));
+        let flown = Flown { bytes: view.opening_bytes().len() as u64, ..Default::default() };
+        Ok(Self { view, plain, shadow, recorder, lines: order.lines, flown })
+    }
+
+    /// Steers to pose `k` and takes all that comes until its frame.
+    async fn fly_to(
+        &mut self,
+        k: u64,
+        viewpoint: &Viewpoint,
+        tell: &mut dyn FnMut(Record) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        if k > 0 {
+            self.view.steer(pose(viewpoint)).await.map_err(failure)?;
+        }
+        while self.take_one(tell).await? != Some(k) {}
+        self.flown.poses += 1;
+        let Some(plain) = &mut self.plain else { return Ok(()) };
+        if k > 0 {
+            plain.steer(pose(viewpoint)).await.map_err(failure)?;
+        }
+        while !matches!(next(plain).await?, Event::Frame(frame) if frame.pose_sequence == k) {}
+        let told = self.shadow.as_ref().map_or(self.view.scene(), |shadow| &shadow.scene);
+        tell(Record::Frame(FrameRecord::of(Kind::Plain, plain.scene(), told, self.lines)))
+    }
+
+    /// Takes one message of the view; gives the pose of the frame that it brought.
+    async fn take_one(&mut self, tell: &mut dyn FnMut(Record) -> Result<(), Failure>) -> Result<Option<u64>, Failure> {
+        let event = next(&mut self.view).await?;
+        if let Some(bytes) = self.view.last_bytes() {
+            self.flown.bytes += bytes.len() as u64;
+            if let Some(shadow) = &mut self.shadow {
+                shadow.take(&bytes, self.lines, tell)?;
+            }
+            if let Some(recorder) = &mut self.recorder {
+                recorder.push(bytes);
+            }
+        }
+        match event {
+            Event::Frame(frame) => {
+                self.count();
+                if self.shadow.is_none() {
+                    let scene = self.view.scene();
+                    tell(Record::Frame(FrameRecord::of(Kind::Lines, scene, scene, self.lines)))?;
+                }
+                Ok(Some(frame.pose_sequence))
+            }
+            Event::Lost(error) => {
+                self.flown.refused += 1;
+                tell(refusal(&error))?;
+                Ok(None)
+            }
+            Event::Exercise(_) | Event::Skipped => Ok(None),
+        }
+    }
+
+    fn count(&mut self) {
+        let scene = self.view.scene();
+        let stated = scene.lines().values().filter(|line| line.verdict != v1::Verdict::Unknown).count();
+        self.flown.frames += 1;
+        self.flown.most_triangles = self.flown.most_triangles.max(scene.replica().triangle_count());
+        self.flown.comparisons += stated as u64;
+        self.flown.silent_disagreements += scene.silent_disagreements().len() as u64;
+        self.flown.named += scene.unsatisfied().len() as u64;
+    }
+
+    fn draw(&mut self, pictures: &PictureOrder, order: &Order, viewpoint: &Viewpoint, k: u64) -> Result<(), Failure> {
+        let scene = pictures::Scene {
+            name: &order.name,
+            state: self.view.scene(),
+            viewpoint,
+            tan_half_fov: order.tan_half_fov,
+            viewport_px: order.viewport_px,
+            window_m: pictures.window_m,
+        };
+        for (what, picture) in [("view", scene.eye_picture()), ("above", scene.map_picture())] {
+            let path = pictures.directory.join(format!("{}-{k:04}-{what}.png", order.name));
+            write(&path, &picture.png().map_err(|e| Failure::environment(path.display(), e))?)?;
+            self.flown.pictures.push(path);
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, order: &Order, tell: &mut dyn FnMut(Record) -> Result<(), Failure>) -> Result<Flown, Failure> {
+        if let (Some(recorder), Some(path)) = (self.recorder, &order.record) {
+            let recording = recorder.finish();
+            self.flown.recording_cut = Some(recording.cut);
+            write(path, &recording::seal(&recording).map_err(|e| Failure::environment(path.display(), e))?)?;
+        }
+        let scene = self.view.scene();
+        self.flown.last_epoch = scene.epoch();
+        self.flown.last_hash = format!("{:016x}", scene.replica().hash());
+        tell(Record::Done { poses: self.flown.poses, bytes: self.flown.bytes })?;
+        Ok(self.flown)
+    }
+}
+
+impl Shadow {
+    fn take(
+        &mut self,
+        bytes: &[u8],
+        lines: usize,
+        tell: &mut dyn FnMut(Record) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let own = |error: &dyn std::fmt::Display| Failure::Input(format!("sabotage: {error}"));
+        let message = v1::StreamSceneResponse::decode(bytes).map_err(|e| own(&e))?;
+        let passed = self.saboteur.pass(message).map_err(|e| own(&e))?;
+        if let Some((betrays, detail)) = passed.tampered {
+            tell(Record::Tampered { betrays, detail })?;
+        }
+        for message in &passed.messages {
+            if self.scene.apply(message).map_err(|e| own(&e))? == scene::Event::Frame {
+                tell(Record::Frame(FrameRecord::of(Kind::Lines, &self.scene, &self.scene, lines)))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn refusal(error: &SceneError) -> Record {
+    let hash = matches!(error, SceneError::Frame(ApplyError::Hash { .. }));
+    Record::Refused { sequence: 0, hash, detail: error.to_string() }
+}
+
+async fn next(view: &mut View) -> Result<Event, Failure> {
+    match tokio::time::timeout(FRAME_TIMEOUT, view.next()).await {
+        Ok(Ok(Some(event))) => Ok(event),
+        Ok(Ok(None)) => Err(failure(ClientError::Closed)),
+        Ok(Err(error)) => Err(failure(error)),
+        Err(_) => Err(Failure::Environment(format!("no message from the server for {} s", FRAME_TIMEOUT.as_secs()))),
+    }
+}
+
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    fs::write(path, bytes).map_err(|e| Failure::environment(format!("writing {}", path.display()), e))
+}
