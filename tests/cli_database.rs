@@ -113,7 +113,8 @@ fn bad_input_and_usage_have_their_own_statuses() {
     let input = input.to_str().unwrap();
     let output = folder.path().join("it.sldb");
     let db = output.to_str().unwrap();
-    let cases: [(&[&str], i32); 7] = [
+    let cases: [(&[&str], i32); 8] = [
+        (&["ingest", "no such file", "-o", db], 3),
         (&["ingest", input, "-o", db, "--void", "reject"], 3),
         (&["ingest", input, "-o", db, "--unit", "1e-9"], 3),
         (&["ingest", input, "-o", db, "--unit", "0"], 2),

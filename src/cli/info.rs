@@ -93,8 +93,15 @@ impl Args {
         ];
         lines.extend(place_lines(database));
         lines.push(format!("scene scale   {east_m:.4} m east, {north_m:.4} m north a post, at the grid's centre"));
-        if let Some([east, north]) = scale_error(database) {
-            lines.push(format!("scale error   east {:+.3} %, north {:+.3} % at worst", 100.0 * east, 100.0 * north));
+        match scale_error(database) {
+            Some([east, north]) => {
+                let (east, north) = (100.0 * east, 100.0 * north);
+                lines.push(format!("scale error   east {east:+.3} %, north {north:+.3} % at worst"));
+            }
+            None if database.georeference().is_some() => {
+                lines.push("scale error   that of the projection: map units are taken as metres".into());
+            }
+            None => {}
         }
         lines.extend(sagitta_lines(database));
         let provenance = database.provenance();

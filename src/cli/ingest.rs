@@ -57,6 +57,9 @@ impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let started = Instant::now();
         super::args::refuse_existing(&self.output, self.force)?;
+        if let Some(missing) = self.inputs.iter().find(|path| !path.exists()) {
+            return Err(Failure::input(missing.display(), "no such file"));
+        }
         let mut scan = Progress::new(context, "bytes");
         let dem_options = dem::OpenOptions { nodata: self.nodata, epsg: self.crs };
         let mut raster = dem::open(&self.inputs, &dem_options, &mut |p| scan.tell("scanning", p.done, p.total))
