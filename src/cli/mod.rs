@@ -12,6 +12,7 @@ mod info;
 mod ingest;
 mod pictures;
 mod progress;
+mod serve;
 mod verify;
 mod view;
 
@@ -51,6 +52,7 @@ enum Verb {
     Ingest(ingest::Args),
     Info(info::Args),
     Verify(verify::Args),
+    Serve(serve::Args),
     View(view::Args),
     Consistency(consistency::Args),
     Demo(demo::Args),
@@ -121,6 +123,7 @@ impl Verb {
             Self::Ingest(args) => args.run(context),
             Self::Info(args) => args.run(context),
             Self::Verify(args) => args.run(context),
+            Self::Serve(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),
             Self::Demo(args) => args.run(context),

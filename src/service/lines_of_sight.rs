@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     exercise::{Altitude, Frame, Place, Site},
-    los::{self, Options, Verdict},
+    los::{self, Derived, Options, Verdict},
     terrain::{Georeference, HeightField},
 };
 
@@ -134,7 +134,7 @@ fn query(
     site: &Site,
     ends: [Place; 2],
     options: Options,
-    _derive: bool,
+    derive: bool,
 ) -> Result<v1::QueryLineOfSightResponse, Status> {
     let Some([a, b]) = resolve(terrain, site, ends)? else {
         let (verdict, reason) = convert::verdict_to_wire(None);
@@ -145,6 +145,16 @@ fn query(
     let (verdict, reason) = convert::verdict_to_wire(Some(answer.verdict));
     let (east_m, north_m) = ((b[0] - a[0]) * site.scale.east_m, (b[1] - a[1]) * site.scale.north_m);
     let range_m = (east_m * east_m + north_m * north_m).sqrt();
+    let derived =
+        if derive { los::derive(terrain, a, b).map_err(IntoStatus::into_status)? } else { Derived::default() };
+    let seen_from = |end: [f64; 3], place: Option<los::Place>| {
+        let place = place?;
+        let [x_m, y_m, z_m] =
+            (site.scale.scene_from_grid(place.point.into()) - site.scale.scene_from_grid(end.into())).to_array();
+        let range_m = (x_m * x_m + y_m * y_m + z_m * z_m).sqrt();
+        Some(v1::Obstruction { position: Some(convert::position_to_wire(place.point)), range_m })
+    };
+    let (first_from_a, first_from_b) = (seen_from(a, derived.first_from_a), seen_from(b, derived.first_from_b));
     let [a, b] = [a, b].map(|end| Some(convert::position_to_wire(end)));
     Ok(v1::QueryLineOfSightResponse {
         verdict: verdict.into(),
@@ -153,6 +163,8 @@ fn query(
         grazes: answer.verdict == Verdict::Visible && answer.grazes,
         range_m,
         sagitta_m: site.georeference.map_or(0.0, |_| Georeference::sagitta_m(range_m)),
-        ..Default::default()
+        first_from_a,
+        first_from_b,
+        least_clearance: derived.least_clearance.filter(|_| answer.verdict == Verdict::Visible).map(|p| p.clearance),
     })
 }

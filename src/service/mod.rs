@@ -45,7 +45,7 @@ pub const MAX_REQUEST_BYTES: usize = 16 << 20;
 pub const MAX_BATCH_LINES: usize = 250_000;
 /// Greatest number of positions of one request for heights.
 pub const MAX_HEIGHTS: usize = 250_000;
-/// Greatest number of views of a server.
+/// Greatest number of views of a server, unless it is told otherwise.
 pub const MAX_VIEWS: usize = 1_000;
 /// How long a client may take to say what view it wants.
 const OPENING_TIME: Duration = Duration::from_secs(10);
@@ -136,6 +136,7 @@ struct Shared<T> {
     changes: watch::Sender<u64>,
     /// Permits for work off the network threads.
     compute: Arc<Semaphore>,
+    limits: Limits,
     /// Permits for views.
     views: Arc<Semaphore>,
     /// Becomes true when the server is to stop.
@@ -143,7 +144,7 @@ struct Shared<T> {
 }
 
 impl<T: ServedTerrain> Shared<T> {
-    fn new(terrain: Arc<T>, stopping: watch::Receiver<bool>) -> Result<Self, ReadError> {
+    fn new(terrain: Arc<T>, limits: Limits, stopping: watch::Receiver<bool>) -> Result<Self, ReadError> {
         let (site, details) = (terrain.site(), terrain.details()?);
         let description = describe(&*terrain, &site, &details)?;
         let threads = thread::available_parallelism().map_or(2, usize::from);
@@ -155,7 +156,8 @@ impl<T: ServedTerrain> Shared<T> {
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
             compute: Arc::new(Semaphore::new(threads)),
-            views: Arc::new(Semaphore::new(MAX_VIEWS)),
+            limits,
+            views: Arc::new(Semaphore::new(limits.views)),
             stopping,
         })
     }
@@ -182,17 +184,40 @@ impl<T> Clone for Service<T> {
     }
 }
 
-/// Serves `terrain` on `listener` until `shutdown` comes; then health says NOT_SERVING, views are told to go, calls
-/// under way get some seconds to end, and the function returns.
+/// What a server allows all its clients together.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Limits {
+    /// Views at the same time.
+    pub views: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { views: MAX_VIEWS }
+    }
+}
+
+/// [`serve_with`] the default limits.
 pub async fn serve<T: ServedTerrain>(
     listener: TcpListener,
     terrain: Arc<T>,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
+    serve_with(listener, terrain, Limits::default(), shutdown).await
+}
+
+/// Serves `terrain` on `listener` until `shutdown` comes; then health says NOT_SERVING, views are told to go, calls
+/// under way get some seconds to end, and the function returns.
+pub async fn serve_with<T: ServedTerrain>(
+    listener: TcpListener,
+    terrain: Arc<T>,
+    limits: Limits,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> Result<(), ServeError> {
     let (stop, stopping) = watch::channel(false);
     let shared = tokio::task::spawn_blocking({
         let stopping = stopping.clone();
-        move || Shared::new(terrain, stopping)
+        move || Shared::new(terrain, limits, stopping)
     });
     let shared = shared.await.map_err(|error| io::Error::other(error.to_string()))??;
     let service = Service(Arc::new(shared));
@@ -218,6 +243,7 @@ pub async fn serve<T: ServedTerrain>(
     let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
     let told = async move {
         shutdown.await;
+        tracing::info!("stopping");
         for name in SERVICE_NAMES {
             health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
         }

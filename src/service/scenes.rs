@@ -16,7 +16,11 @@ use tokio::{
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
-use super::{MAX_VIEWS, OPENING_TIME, ServedTerrain, Service, Shared, status::IntoStatus, stopped};
+use super::{
+    OPENING_TIME, ServedTerrain, Service, Shared,
+    status::{IntoStatus, too_many},
+    stopped,
+};
 use crate::{
     exercise::Exercise,
     session::{Event, Pose, Settings, SettingsError, View},
@@ -37,7 +41,7 @@ impl<T: ServedTerrain> SceneService for Service<T> {
     ) -> Result<Response<Self::StreamSceneStream>, Status> {
         let shared = Arc::clone(&self.0);
         let permit = Arc::clone(&shared.views).try_acquire_owned();
-        let permit = permit.map_err(|_| super::status::too_many("views", MAX_VIEWS + 1, MAX_VIEWS))?;
+        let permit = permit.map_err(|_| too_many("views", shared.limits.views + 1, shared.limits.views))?;
         let mut inbox = request.into_inner();
         let open = opening(&mut inbox).await?;
         // Opened here holds one message, the view's task the next: hand-over is one deep.
@@ -48,6 +52,7 @@ impl<T: ServedTerrain> SceneService for Service<T> {
         let opened = v1::ViewOpened { terrain: Some(shared.description.clone()) };
         let _ = outbox.try_send(Ok(word(Word::Opened(opened))));
         let task = ViewTask { shared, view: Some(view), followed, changes, inbox, outbox, _permit: permit };
+        tracing::info!(exercise = open.exercise, "view opened");
         tokio::spawn(task.run());
         Ok(Response::new(ReceiverStream::new(stream)))
     }
@@ -131,8 +136,10 @@ impl<T: ServedTerrain> ViewTask<T> {
         let end = tokio::select! {
             end = self.live() => end,
             () = stopped(&mut stopping) => Err(Status::unavailable("the server is stopping")),
-            () = outbox.closed() => return,
+            () = outbox.closed() => Ok(()),
         };
+        let frames = self.view.as_ref().map_or(0, |view| view.sent().sequence());
+        tracing::info!(frames, reason = end.as_ref().err().map(Status::message), "view closed");
         if let Err(status) = end {
             // Waits behind the frame that is on its way, but not for ever: the connection's keepalive sees to that.
             let _ = outbox.send(Err(status)).await;
@@ -146,14 +153,14 @@ impl<T: ServedTerrain> ViewTask<T> {
             let is_due = self.view.as_ref().is_some_and(View::is_due);
             tokio::select! {
                 biased;
+                changed = self.changes.changed(), if self.followed.is_some() => {
+                    changed.map_err(|_| Status::unavailable("the server is stopping"))?;
+                    self.follow().await?;
+                }
                 message = self.inbox.message(), if !is_due || in_a_row < MAX_MESSAGES_IN_A_ROW => {
                     in_a_row += 1;
                     let Some(message) = message? else { return Ok(()) };
                     self.hear(message)?;
-                }
-                changed = self.changes.changed(), if self.followed.is_some() => {
-                    changed.map_err(|_| Status::unavailable("the server is stopping"))?;
-                    self.follow().await?;
                 }
                 permit = self.outbox.clone().reserve_owned(), if is_due => {
                     in_a_row = 0;
