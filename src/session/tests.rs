@@ -82,10 +82,12 @@ fn steer(pose: Option<v1::Pose>, pose_sequence: u64, applied_sequence: u64) -> E
 
 /// Frames of a list of messages.
 fn frames(messages: &[Response]) -> Vec<&v1::Frame> {
-    let frame = |message| match message {
-        &Response::Frame(ref frame) => Some(frame),
-        _ => None,
-    };
+    fn frame(message: &Response) -> Option<&v1::Frame> {
+        match message {
+            Response::Frame(frame) => Some(frame),
+            _ => None,
+        }
+    }
     messages.iter().filter_map(frame).collect()
 }
 
