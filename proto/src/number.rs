@@ -101,23 +101,8 @@ const LEAST_EXPONENT: i64 = -1074;
 
 impl Number for Dyadic {
     fn of(v: f64) -> Self {
-        debug_assert!(v.is_finite());
-        let bits = v.to_bits();
-        let fraction = bits & ((1 << FRACTION_BITS) - 1);
-        let biased = (bits >> FRACTION_BITS & 0x7ff) as i64;
-        let (mantissa, exponent) = match biased {
-            0 => (fraction, LEAST_EXPONENT),
-            _ => (fraction | 1 << FRACTION_BITS, LEAST_EXPONENT + biased - 1),
-        };
-        if mantissa == 0 {
-            return Self { mantissa: BigInt::zero(), exponent: 0 };
-        }
-        let zeros = mantissa.trailing_zeros();
-        let mantissa = (mantissa >> zeros) as i64;
-        Self {
-            mantissa: BigInt::from(if v < 0.0 { -mantissa } else { mantissa }),
-            exponent: exponent + i64::from(zeros),
-        }
+        let (mantissa, exponent) = odd_part(v);
+        Self { mantissa: BigInt::from(mantissa), exponent }
     }
 
     fn add(&self, other: &Self) -> Self {
@@ -157,6 +142,42 @@ impl Dyadic {
         let shifted = |v: &Self| &v.mantissa << (v.exponent - exponent);
         (shifted(self), shifted(other), exponent)
     }
+}
+
+/// A finite number as mantissa * 2^exponent with an odd mantissa; zero as 0 * 2^0.
+fn odd_part(v: f64) -> (i64, i64) {
+    debug_assert!(v.is_finite());
+    let bits = v.to_bits();
+    let fraction = bits & ((1 << FRACTION_BITS) - 1);
+    let biased = (bits >> FRACTION_BITS & 0x7ff) as i64;
+    let (mantissa, exponent) = match biased {
+        0 => (fraction, LEAST_EXPONENT),
+        _ => (fraction | 1 << FRACTION_BITS, LEAST_EXPONENT + biased - 1),
+    };
+    if mantissa == 0 {
+        return (0, 0);
+    }
+    let zeros = mantissa.trailing_zeros();
+    let mantissa = (mantissa >> zeros) as i64;
+    (if v < 0.0 { -mantissa } else { mantissa }, exponent + i64::from(zeros))
+}
+
+/// The numbers as whole multiples of one power of two, if each takes at most `bits` bits (below 127).
+///
+/// Ties are common on a grid because posts, heights and many ends are short numbers: exact arithmetic in 128 bits then
+/// is cheap beside [`Dyadic`], which allocates.
+pub(crate) fn whole<const N: usize>(values: [f64; N], bits: u32) -> Option<[i128; N]> {
+    let parts = values.map(odd_part);
+    let least = parts.iter().filter(|(m, _)| *m != 0).map(|&(_, e)| e).min().unwrap_or(0);
+    let mut whole = [0; N];
+    for (whole, (mantissa, exponent)) in whole.iter_mut().zip(parts).filter(|(_, (m, _))| *m != 0) {
+        let shift = exponent - least;
+        if shift + i64::from(64 - mantissa.unsigned_abs().leading_zeros()) > i64::from(bits) {
+            return None;
+        }
+        *whole = i128::from(mantissa) << shift;
+    }
+    Some(whole)
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@
 
 use std::ops::Neg;
 
-use crate::number::{Dyadic, Interval, Number};
+use crate::number::{Dyadic, Interval, Number, whole};
 
 /// The sign of a real number.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -33,6 +33,14 @@ impl Sign {
             Self::Negative
         } else {
             Self::Zero
+        }
+    }
+
+    fn of_whole(v: i128) -> Self {
+        match v.signum() {
+            -1 => Self::Negative,
+            0 => Self::Zero,
+            _ => Self::Positive,
         }
     }
 
@@ -236,12 +244,24 @@ fn exact_sign(value: &Dyadic) -> Sign {
 #[cold]
 #[inline(never)]
 fn exact_orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
+    // Differences below 2^62, products below 2^124.
+    if let Some([ax, ay, bx, by, cx, cy]) = whole([a[0], a[1], b[0], b[1], c[0], c[1]], 61) {
+        return Sign::of_whole((ax - cx) * (by - cy) - (ay - cy) * (bx - cx));
+    }
     exact_sign(&turn(a, b, c))
 }
 
 #[cold]
 #[inline(never)]
 fn exact_orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
+    // Differences below 2^41, products of three below 2^123, each twice, three of those.
+    if let Some([ax, ay, bx, by, cx, cy, dx, dy]) = whole([a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]], 40)
+        && let Some([az, bz, cz, dz]) = whole([a[2], b[2], c[2], d[2]], 40)
+    {
+        let minor = |px: i128, py: i128, qx: i128, qy: i128| (px - dx) * (qy - dy) - (qx - dx) * (py - dy);
+        let terms = [(az, minor(bx, by, cx, cy)), (bz, minor(cx, cy, ax, ay)), (cz, minor(ax, ay, bx, by))];
+        return -Sign::of_whole(terms.iter().map(|&(z, minor)| (z - dz) * minor).sum());
+    }
     exact_sign(&volume(a, b, c, d))
 }
 
