@@ -10,6 +10,7 @@ mod demo;
 mod generator;
 mod info;
 mod ingest;
+mod los;
 mod pictures;
 mod progress;
 mod serve;
@@ -52,6 +53,7 @@ enum Verb {
     Ingest(ingest::Args),
     Info(info::Args),
     Verify(verify::Args),
+    Los(los::Args),
     Serve(serve::Args),
     View(view::Args),
     Consistency(consistency::Args),
@@ -123,6 +125,7 @@ impl Verb {
             Self::Ingest(args) => args.run(context),
             Self::Info(args) => args.run(context),
             Self::Verify(args) => args.run(context),
+            Self::Los(args) => args.run(context),
             Self::Serve(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),

@@ -1,0 +1,244 @@
+//! Whom to ask for a line of sight, and the answer in one shape.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use sightline_client::{Client, ClientError, v1};
+
+use crate::{
+    cli::{Failure, info},
+    database::Database,
+    exercise::{Altitude, Frame, Place, PlaceError, Site},
+    los::{self, LosError, Options, Verdict},
+    terrain::{Georeference, ReadError},
+};
+
+/// Lines that are sent to a server in one call.
+const SERVER_BATCH: usize = 50_000;
+
+/// How the ends are given and what blocks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Manner {
+    pub(super) frame: Frame,
+    pub(super) altitude: Altitude,
+    pub(super) strict: bool,
+}
+
+/// The infimum of the points below ground, seen from one end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Obstruction {
+    /// In the grid frame.
+    pub(super) position: [f64; 3],
+    /// Slant range from that end.
+    pub(super) range_m: f64,
+}
+
+/// The answer about one line.
+#[derive(Clone, Debug)]
+pub(super) struct Reply {
+    pub(super) verdict: &'static str,
+    /// Why it is UNKNOWN.
+    pub(super) reason: Option<&'static str>,
+    pub(super) grazes: bool,
+    /// The ends in the grid frame; `None` when there is no ground to stand on.
+    pub(super) resolved: Option<[[f64; 3]; 2]>,
+    /// Length in plan.
+    pub(super) range_m: f64,
+    /// 0 without a georeference.
+    pub(super) sagitta_m: f64,
+    pub(super) first_from_a: Option<Obstruction>,
+    pub(super) first_from_b: Option<Obstruction>,
+    /// In height units.
+    pub(super) least_clearance: Option<f64>,
+}
+
+const NO_GROUND: &str = "an end is given above ground where no ground is known";
+const UNKNOWN_GROUND: &str = "the line passes over a void post or leaves the grid";
+
+/// Verdict and whether the line grazes; all that a server says of a line in a batch.
+pub(super) type Brief = (&'static str, bool);
+
+/// Whoever knows the terrain.
+pub(super) enum Asker {
+    Database(Box<Database>, Site),
+    Server(Client, tokio::runtime::Runtime),
+}
+
+impl Asker {
+    /// A target with `://` is a server, any other a database.
+    pub(super) fn open(target: &str) -> Result<Self, Failure> {
+        if !target.contains("://") {
+            let database = info::open(Path::new(target))?;
+            let site = Site { scale: database.scale(), georeference: database.georeference() };
+            return Ok(Self::Database(Box::new(database), site));
+        }
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .map_err(|error| Failure::environment("starting the network", error))?;
+        let client = runtime.block_on(Client::connect(target)).map_err(client_failure)?;
+        Ok(Self::Server(client, runtime))
+    }
+
+    /// Everything about one line.
+    pub(super) fn ask(&self, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, Failure> {
+        match self {
+            Self::Database(database, site) => ask_database(database, site, manner, ends).map_err(place_failure),
+            Self::Server(client, runtime) => {
+                let [a, b] = ends.map(|end| Some(end_to_wire(manner, end)));
+                let request = v1::QueryLineOfSightRequest { a, b, strict: manner.strict, derive: true };
+                runtime.block_on(client.query(request)).map_err(client_failure).map(reply_from_wire)
+            }
+        }
+    }
+
+    /// Everything about many lines, on all cores; `None` when only a server knows the terrain. The error of the first
+    /// line that has one comes with its number.
+    pub(super) fn ask_all(
+        &self,
+        manner: Manner,
+        lines: &[[[f64; 3]; 2]],
+    ) -> Option<Result<Vec<Reply>, (usize, Failure)>> {
+        let Self::Database(database, site) = self else { return None };
+        let replies: Vec<_> = lines.par_iter().map(|&ends| ask_database(database, site, manner, ends)).collect();
+        let numbered = |(n, reply): (usize, Result<Reply, PlaceError>)| reply.map_err(|e| (n, place_failure(e)));
+        Some(replies.into_iter().enumerate().map(numbered).collect())
+    }
+
+    /// Verdicts of many lines from a server.
+    pub(super) fn ask_server(&self, manner: Manner, lines: &[[[f64; 3]; 2]]) -> Result<Vec<Brief>, Failure> {
+        let Self::Server(client, runtime) = self else { return Ok(Vec::new()) };
+        let mut all = Vec::with_capacity(lines.len());
+        for part in lines.chunks(SERVER_BATCH) {
+            let column = |end: usize, axis: usize| part.iter().map(|line| line[end][axis]).collect();
+            let request = v1::QueryLineOfSightBatchRequest {
+                frame: frame_to_wire(manner.frame).into(),
+                altitude: altitude_to_wire(manner.altitude).into(),
+                strict: manner.strict,
+                ax: column(0, 0),
+                ay: column(0, 1),
+                az: column(0, 2),
+                bx: column(1, 0),
+                by: column(1, 1),
+                bz: column(1, 2),
+            };
+            let answers = runtime.block_on(client.query_batch(request)).map_err(client_failure)?;
+            if answers.verdicts.len() != part.len() {
+                return Err(Failure::Input("the server answered fewer lines than it was asked".into()));
+            }
+            all.extend(answers.verdicts.into_iter().map(verdict_name).zip(answers.grazes));
+        }
+        Ok(all)
+    }
+}
+
+fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, PlaceError> {
+    let resolve = |position| {
+        let place = Place { position, frame: manner.frame, altitude: manner.altitude };
+        site.grid_from_place(database, &place, 0.0)
+    };
+    let (Some(a), Some(b)) = (resolve(ends[0])?, resolve(ends[1])?) else {
+        return Ok(Reply {
+            verdict: Verdict::Unknown.name(),
+            reason: Some(NO_GROUND),
+            grazes: false,
+            resolved: None,
+            range_m: 0.0,
+            sagitta_m: 0.0,
+            first_from_a: None,
+            first_from_b: None,
+            least_clearance: None,
+        });
+    };
+    let answer = los::line_of_sight(database, a, b, Options { strict: manner.strict })?;
+    let derived = los::derive(database, a, b)?;
+    let scale = site.scale;
+    let apart = |p: [f64; 3], q: [f64; 3]| {
+        let [x, y, z] = [(q[0] - p[0]) * scale.east_m, (q[1] - p[1]) * scale.north_m, (q[2] - p[2]) * scale.up_m];
+        (x * x + y * y + z * z).sqrt()
+    };
+    let range_m = apart([a[0], a[1], 0.0], [b[0], b[1], 0.0]);
+    let seen_from = |end, place: Option<los::Place>| {
+        place.map(|place| Obstruction { position: place.point, range_m: apart(end, place.point) })
+    };
+    Ok(Reply {
+        verdict: answer.verdict.name(),
+        reason: (answer.verdict == Verdict::Unknown).then_some(UNKNOWN_GROUND),
+        grazes: answer.grazes,
+        resolved: Some([a, b]),
+        range_m,
+        sagitta_m: site.georeference.map_or(0.0, |_| Georeference::sagitta_m(range_m)),
+        first_from_a: seen_from(a, derived.first_from_a),
+        first_from_b: seen_from(b, derived.first_from_b),
+        least_clearance: derived.least_clearance.filter(|_| answer.verdict == Verdict::Visible).map(|p| p.clearance),
+    })
+}
+
+fn frame_to_wire(frame: Frame) -> v1::CoordinateFrame {
+    match frame {
+        Frame::Grid => v1::CoordinateFrame::Grid,
+        Frame::Map => v1::CoordinateFrame::Map,
+        Frame::Geographic => v1::CoordinateFrame::Geographic,
+        Frame::Scene => v1::CoordinateFrame::Scene,
+    }
+}
+
+fn altitude_to_wire(altitude: Altitude) -> v1::AltitudeReference {
+    match altitude {
+        Altitude::Absolute => v1::AltitudeReference::Absolute,
+        Altitude::AboveGround => v1::AltitudeReference::AboveGround,
+    }
+}
+
+fn end_to_wire(manner: Manner, [x, y, z]: [f64; 3]) -> v1::SightLineEnd {
+    v1::SightLineEnd {
+        position: Some(v1::Position { x, y, z }),
+        frame: frame_to_wire(manner.frame).into(),
+        altitude: altitude_to_wire(manner.altitude).into(),
+    }
+}
+
+fn verdict_name(verdict: v1::Verdict) -> &'static str {
+    match verdict {
+        v1::Verdict::Unspecified => "UNSPECIFIED",
+        v1::Verdict::Visible => Verdict::Visible.name(),
+        v1::Verdict::Unknown => Verdict::Unknown.name(),
+        v1::Verdict::Blocked => Verdict::Blocked.name(),
+    }
+}
+
+fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
+    let point = |p: Option<v1::Position>| p.map_or([0.0; 3], |p| [p.x, p.y, p.z]);
+    let obstruction =
+        |o: Option<v1::Obstruction>| o.map(|o| Obstruction { position: point(o.position), range_m: o.range_m });
+    Reply {
+        verdict: verdict_name(response.verdict()),
+        reason: match response.unknown_reason() {
+            v1::UnknownReason::Unspecified => None,
+            v1::UnknownReason::UnknownGround => Some(UNKNOWN_GROUND),
+            v1::UnknownReason::NoGround => Some(NO_GROUND),
+        },
+        grazes: response.grazes,
+        resolved: response.resolved.map(|segment| [point(segment.a), point(segment.b)]),
+        range_m: response.range_m,
+        sagitta_m: response.sagitta_m,
+        first_from_a: obstruction(response.first_from_a),
+        first_from_b: obstruction(response.first_from_b),
+        least_clearance: response.least_clearance,
+    }
+}
+
+fn place_failure(error: PlaceError) -> Failure {
+    match error {
+        PlaceError::NoGeoreference | PlaceError::NotGeographic => Failure::Usage(error.to_string()),
+        PlaceError::Ground(LosError::Read(ReadError::Io { .. })) => Failure::Environment(error.to_string()),
+        _ => Failure::Input(error.to_string()),
+    }
+}
+
+fn client_failure(error: ClientError) -> Failure {
+    match error {
+        ClientError::Connect { .. } => Failure::Environment(error.to_string()),
+        _ => Failure::Input(format!("the server: {error}")),
+    }
+}
