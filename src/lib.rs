@@ -8,7 +8,7 @@
 //!
 //! [`terrain`] (the finest surface), [`wedgie`] (error bounds), [`view`] (cameras and screen distortion), [`dem`]
 //! (elevation files), [`database`] (one immutable file), [`los`] (exact lines of sight), [`roam`] (refinement and
-//! sight-line requirements), [`exercise`] (entities, sight lines, epochs), [`session`] (a view's life), [`evaluate`]
+//! sight-line requirements), [`lod`] (other systems, for comparison), [`exercise`] (entities, sight lines, epochs), [`session`] (a view's life), [`evaluate`]
 //! (flights, consistency), [`store`] (where exercises are kept), [`service`] (gRPC), [`cli`] (the verbs).
 
 pub mod cli;
@@ -16,6 +16,7 @@ pub mod database;
 pub mod dem;
 pub mod evaluate;
 pub mod exercise;
+pub mod lod;
 pub mod los;
 pub mod roam;
 pub mod service;
