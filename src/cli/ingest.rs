@@ -83,7 +83,8 @@ impl Args {
         let done = database::ingest(&mut *raster, &self.output, &options, &mut |p| match p.stage {
             Stage::Reading => progress.tell("reading", p.done, p.total),
             Stage::Filling => progress.tell("filling voids", 0, 0),
-            Stage::Bounding => progress.tell("measuring", p.done, p.total),
+            Stage::Measuring => progress.tell("measuring", p.done, p.total),
+            Stage::Nesting => progress.tell("nesting", p.done, p.total),
             Stage::Writing => progress.tell("writing", p.done, p.total),
         });
         progress.finish();

@@ -22,7 +22,7 @@ use crate::terrain::ReadError;
 
 pub use finest::{finest_bounds, finest_bounds_with};
 pub use memory::MemoryTerrain;
-pub use pyramid::{BoundsPyramid, Lattice};
+pub use pyramid::{BoundsPhase, BoundsPyramid, Lattice};
 
 /// What is known of the surface over one diamond. Thicknesses in height units, rounded up to f32.
 ///

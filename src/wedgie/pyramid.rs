@@ -71,6 +71,15 @@ impl Lattice {
     }
 }
 
+/// What the computation of bounds is doing.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum BoundsPhase {
+    /// Measuring deviations.
+    Measuring,
+    /// Deriving nested thicknesses and balls.
+    Nesting,
+}
+
 /// The bounds of all diamonds but the finest two levels: lattices k = 1 to m - 1. Twelve bytes a stored post, so four
 /// bytes a post of the grid.
 #[derive(Clone, PartialEq, Debug)]
@@ -81,26 +90,26 @@ pub struct BoundsPyramid {
 impl BoundsPyramid {
     /// Computes all bounds of a field, on the threads of the current pool. The result does not depend on them.
     pub fn compute<H: HeightField + ?Sized>(field: &H, scale: SceneScale) -> Result<Self, ReadError> {
-        Self::compute_with(field, scale, &|_| ())
+        Self::compute_with(field, scale, &|_, _| ())
     }
 
-    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are measured: nearly all
-    /// of the work.
+    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are through a phase.
     pub fn compute_with<H: HeightField + ?Sized>(
         field: &H,
         scale: SceneScale,
-        progress: &(dyn Fn(u64) + Sync),
+        progress: &(dyn Fn(BoundsPhase, u64) + Sync),
     ) -> Result<Self, ReadError> {
         let grid = field.grid();
         let sizes: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
         let tight: Vec<_> = sizes.iter().map(|&(columns, rows)| Maxima::new(columns, rows)).collect();
-        deviation::measure(field, &tight, progress)?;
+        deviation::measure(field, &tight, &|more| progress(BoundsPhase::Measuring, more))?;
+        let nested = |more| progress(BoundsPhase::Nesting, more);
         let mut lattices: Vec<Lattice> = Vec::with_capacity(sizes.len());
         for (k, maxima) in (1_u8..).zip(tight) {
             let (columns, rows) = Lattice::size(grid, k);
             let bounds = vec![DiamondBounds::default(); columns as usize * rows as usize];
             let mut lattice = Lattice { k, columns, rows, bounds };
-            let below = Below { field, scale, lattice: lattices.last() };
+            let below = Below { field, scale, lattice: lattices.last(), progress: &nested };
             lattice.fill_tilted(&below, &maxima)?;
             lattice.fill_square(&below, &maxima)?;
             lattices.push(lattice);
@@ -127,6 +136,8 @@ struct Below<'a, H: ?Sized> {
     scale: SceneScale,
     /// The next finer lattice; `None` for the finest two levels, which come from heights.
     lattice: Option<&'a Lattice>,
+    /// Is told how many posts of the grid more are nested.
+    progress: &'a (dyn Fn(u64) + Sync),
 }
 
 impl Lattice {
@@ -175,6 +186,10 @@ impl Lattice {
                     }
                     let radius_m = round_up(reach * BALL_MARGIN);
                     *slot = DiamondBounds { tight: tight.get(a, b), nested, radius_m };
+                }
+                // The finest lattice is nearly all of the work: its rows, passed over twice, stand for those of posts.
+                if k == 1 && b < below.field.grid().ny().div_ceil(2) as usize {
+                    (below.progress)(u64::from(below.field.grid().nx()));
                 }
                 Ok(())
             },
