@@ -13,6 +13,8 @@ mod number;
 pub mod predicates;
 pub mod replica;
 pub mod verdict;
+#[cfg(test)]
+mod verdict_tests;
 
 /// The id that no sight line may have: frames use it for the requirement that the eye is not under its own mesh.
 pub const EYE_LINE_ID: u64 = u64::MAX;
