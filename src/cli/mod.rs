@@ -11,6 +11,7 @@ mod generator;
 mod info;
 mod ingest;
 mod los;
+mod mesh;
 mod pictures;
 mod progress;
 mod serve;
@@ -51,6 +52,7 @@ pub struct Context {
 #[derive(Subcommand, Debug)]
 enum Verb {
     Ingest(ingest::Args),
+    Mesh(mesh::Args),
     Info(info::Args),
     Verify(verify::Args),
     Los(los::Args),
@@ -123,6 +125,7 @@ impl Verb {
     fn run(self, context: &Context) -> Result<(), Failure> {
         match self {
             Self::Ingest(args) => args.run(context),
+            Self::Mesh(args) => args.run(context),
             Self::Info(args) => args.run(context),
             Self::Verify(args) => args.run(context),
             Self::Los(args) => args.run(context),

@@ -26,12 +26,12 @@ const ANSWERS: &str = "verdict,grazes,range_m,sagitta_m,\
 const BRIEF_ANSWERS: &str = "verdict,grazes";
 
 /// The lines of a file, as text and as numbers.
-struct Table {
+pub(in crate::cli) struct Table {
     header: String,
     rows: Vec<String>,
     /// Where each row stands in the file, from 1.
-    numbers: Vec<usize>,
-    ends: Vec<[[f64; 3]; 2]>,
+    pub(in crate::cli) numbers: Vec<usize>,
+    pub(in crate::cli) ends: Vec<[[f64; 3]; 2]>,
 }
 
 /// Answers all lines of `input` and writes them to `output`.
@@ -116,7 +116,7 @@ fn warn_of_curvature(context: &Context, replies: &[Reply]) {
 }
 
 /// Reads a table of lines; an error names the line of the file.
-fn parse(text: &str) -> Result<Table, String> {
+pub(in crate::cli) fn parse(text: &str) -> Result<Table, String> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
     let (_, header) = lines.next().ok_or("it is empty: the first line names the columns ax,ay,az,bx,by,bz")?;

@@ -1,7 +1,7 @@
 //! `sightline los`: exact lines of sight, one or a file of them, on a database or by a server.
 
 mod ask;
-mod batch;
+pub(super) mod batch;
 
 use std::path::PathBuf;
 
