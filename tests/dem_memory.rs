@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use sightline::dem::{self, DemError, OpenOptions};
 
-use encoders::{Codec, Samples, Tiff, gz, hgt, zip};
+use encoders::{Codec, Dted, Samples, Tiff, gz, hgt, zip};
 
 /// Bytes allocated now, and the most since the last reset.
 static NOW: AtomicUsize = AtomicUsize::new(0);
@@ -84,6 +84,7 @@ fn a_hostile_file_takes_at_most_four_times_its_length_and_16_mib() {
         samples::for_each_mutation(&sample, |content, what| drop(check(name, content, what)));
     }
     samples::for_each_mutation(samples::asc().as_bytes(), |content, what| drop(check("grid.asc", content, what)));
+    samples::for_each_mutation(&samples::dted(), |content, what| drop(check("cell.dt1", content, what)));
     for (name, content) in lying_rasters() {
         check(name, &content, "a lie").expect_err(name);
     }
@@ -113,11 +114,15 @@ fn lying_rasters() -> Vec<(&'static str, Vec<u8>)> {
         grow(&mut bytes, high, height);
         bytes
     };
+    // Headers that promise the largest cell, over the records of a small one.
+    let mut cell = Dted { nx: 9999, ny: 9999, ..Dted::default() }.encode(|_, _| Some(1));
+    cell.truncate(MIB);
     let of = |codec, samples| Tiff { codec, samples, ..base() };
     let mut all = vec![
         ("grid.asc", header(1 << 30).into_bytes()),
         ("grid.asc", header(u64::MAX).into_bytes()),
         ("grid.asc", [&b"ncols 3 "[..], &[b'7'; MIB]].concat()),
+        ("cell.dt2", cell),
         ("wide.tif", grown(base(), 1 << 30, 4)),
         ("tile.tif", grown(huge_tile.clone(), 1 << 14, 1 << 14)),
         ("tile.tif", grown(huge_tile, u32::MAX - 15, u32::MAX - 15)),

@@ -6,13 +6,13 @@ use thiserror::Error;
 
 /// The formats that [`super::open`] reads, for messages.
 pub(super) const SUPPORTED: &str =
-    "SRTM .hgt (also .hgt.zip and .hgt.gz), GeoTIFF (.tif, .tiff) and Esri ASCII grid (.asc)";
+    "SRTM .hgt (also .hgt.zip and .hgt.gz), GeoTIFF (.tif, .tiff), DTED (.dt0, .dt1, .dt2) and Esri ASCII grid (.asc)";
 
 /// Why an elevation file could not be read.
 #[derive(Clone, PartialEq, Debug, Error)]
 pub enum DemError {
     /// No file was named.
-    #[error("no elevation file was named; name one file, or several adjoining .hgt tiles")]
+    #[error("no elevation file was named; name one file, or several adjoining ones")]
     NoInput,
     /// The operating system refused.
     #[error("{}: {detail}", path.display())]

@@ -1,4 +1,4 @@
-//! Readers of elevation files: SRTM `.hgt`, GeoTIFF and Esri ASCII grids. Files in, rasters out, nothing else.
+//! Readers of elevation files: SRTM `.hgt`, GeoTIFF, DTED and Esri ASCII grids. Files in, rasters out, nothing else.
 //!
 //! [`open`] looks at the files, refuses what is not well formed, and gives a [`Raster`]: posts in the order of the
 //! grid frame (south row first), heights in metres as f64, NaN where there is no data. Rows are read on demand, so
@@ -9,9 +9,11 @@
 
 mod ascii;
 mod crs;
+mod dted;
 mod error;
 mod geotiff;
 mod hgt;
+mod join;
 mod mosaic;
 mod nodata;
 mod prj;
@@ -25,7 +27,7 @@ pub use raster::{FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, Progress, Raster, Rast
 
 use sniff::Format;
 
-/// Opens one elevation file, or several adjoining `.hgt` tiles as one raster.
+/// Opens one elevation file, or several that lie on one lattice as one raster.
 ///
 /// `progress` is called now and then while files are scanned, with bytes done and in all.
 pub fn open(
@@ -33,25 +35,28 @@ pub fn open(
     options: &OpenOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Box<dyn Raster>, DemError> {
-    let [first, rest @ ..] = paths else { return Err(DemError::NoInput) };
-    let packing = match sniff::format_of(first)? {
-        Format::Hgt(packing) => packing,
-        format if rest.is_empty() => return open_single(first, format, options, progress),
-        _ => return Err(not_a_tile(first)),
-    };
-    let mut tiles = vec![(first.clone(), packing)];
-    for path in rest {
-        match sniff::format_of(path)? {
-            Format::Hgt(packing) => tiles.push((path.clone(), packing)),
-            _ => return Err(not_a_tile(path)),
-        }
+    let mut files = Vec::with_capacity(paths.len());
+    for path in paths {
+        files.push((path, sniff::format_of(path)?));
     }
-    Ok(Box::new(mosaic::Mosaic::open(&tiles, options)?))
-}
-
-fn not_a_tile(path: &Path) -> DemError {
-    let detail = format!("{} is not an .hgt tile; other formats are read one file at a time", path.display());
-    DemError::Mosaic { detail }
+    let packing = |(path, format): &(&PathBuf, Format)| match format {
+        Format::Hgt(packing) => Some(((*path).clone(), *packing)),
+        _ => None,
+    };
+    if files.is_empty() {
+        return Err(DemError::NoInput);
+    }
+    if let Some(tiles) = files.iter().map(packing).collect::<Option<Vec<_>>>() {
+        return Ok(Box::new(mosaic::Mosaic::open(&tiles, options)?));
+    }
+    let mut rasters = Vec::with_capacity(files.len());
+    for (path, format) in files {
+        rasters.push((path.clone(), open_single(path, format, options, progress)?));
+    }
+    match rasters.len() {
+        1 => Ok(rasters.swap_remove(0).1),
+        _ => Ok(Box::new(join::Join::new(rasters)?)),
+    }
 }
 
 fn open_single(
@@ -60,9 +65,10 @@ fn open_single(
     options: &OpenOptions,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Box<dyn Raster>, DemError> {
-    match format {
-        Format::Hgt(packing) => Ok(Box::new(mosaic::Mosaic::open(&[(path.to_owned(), packing)], options)?)),
-        Format::Ascii => Ok(Box::new(ascii::AsciiGrid::open(path, options, progress)?)),
-        Format::Tiff => Ok(Box::new(geotiff::GeoTiff::open(path, options)?)),
-    }
+    Ok(match format {
+        Format::Hgt(packing) => Box::new(mosaic::Mosaic::open(&[(path.to_owned(), packing)], options)?),
+        Format::Ascii => Box::new(ascii::AsciiGrid::open(path, options, progress)?),
+        Format::Tiff => Box::new(geotiff::GeoTiff::open(path, options)?),
+        Format::Dted => Box::new(dted::Dted::open(path, options)?),
+    })
 }

@@ -16,11 +16,68 @@ use crate::terrain::Georeference;
 use super::hgt::{Corner, Packing, Tile, VOID};
 use super::{DemError, OpenOptions, Raster, RasterInfo, SeamReport, crs};
 
-/// What the tiles say of one post of the row being read.
+/// What the parts of a mosaic say of one post of the row being read.
 const KNOWN: u8 = 1;
 const KNOWN_TWICE: u8 = 2;
 const DIFFERS: u8 = 4;
 const VOID_SOMEWHERE: u8 = 8;
+
+/// Counts what the overlaps of a mosaic's parts show, each row once.
+pub(super) struct Overlap {
+    /// What was counted so far.
+    pub(super) report: SeamReport,
+    /// Rows that the report already covers.
+    counted: Vec<bool>,
+    flags: Vec<u8>,
+    largest_difference_m: f64,
+}
+
+impl Overlap {
+    /// Nothing counted yet, of `tiles` parts over `nx` by `ny` posts.
+    pub(super) fn new(tiles: u32, nx: u32, ny: u32) -> Self {
+        let report = SeamReport { tiles, ..SeamReport::default() };
+        Self { report, counted: vec![false; ny as usize], flags: vec![0; nx as usize], largest_difference_m: 0.0 }
+    }
+
+    /// Begins a row.
+    pub(super) fn begin_row(&mut self) {
+        self.flags.fill(0);
+        self.largest_difference_m = 0.0;
+    }
+
+    /// Puts what one part has at column `i`, NaN for void, into `post`, unless an earlier part knows it.
+    #[inline]
+    pub(super) fn put(&mut self, post: &mut f64, i: usize, height: f64) {
+        let flags = &mut self.flags[i];
+        if height.is_nan() {
+            *flags |= VOID_SOMEWHERE;
+        } else if post.is_nan() {
+            *flags |= KNOWN;
+            *post = height;
+        } else {
+            *flags |= KNOWN_TWICE;
+            if *post != height {
+                *flags |= DIFFERS;
+                self.largest_difference_m = f64::max(self.largest_difference_m, (*post - height).abs());
+            }
+        }
+    }
+
+    /// Counts row `j`, which is complete.
+    pub(super) fn end_row(&mut self, j: u32) {
+        if std::mem::replace(&mut self.counted[j as usize], true) {
+            return;
+        }
+        let report = &mut self.report;
+        for flags in &self.flags {
+            report.compared_posts += u64::from(flags & KNOWN_TWICE != 0);
+            report.differing_posts += u64::from(flags & DIFFERS != 0);
+            report.filled_posts += u64::from(flags & (KNOWN | VOID_SOMEWHERE) == KNOWN | VOID_SOMEWHERE);
+            report.uncovered_posts += u64::from(*flags == 0);
+        }
+        report.largest_difference_m = report.largest_difference_m.max(self.largest_difference_m);
+    }
+}
 
 /// Tiles on a lattice of whole degrees.
 pub(super) struct Mosaic {
@@ -30,10 +87,7 @@ pub(super) struct Mosaic {
     /// Cells along the side of a tile.
     cells: u32,
     nodata: Option<f64>,
-    seams: SeamReport,
-    /// Rows that the seam report already covers.
-    counted: Vec<bool>,
-    flags: Vec<u8>,
+    overlap: Overlap,
 }
 
 impl Mosaic {
@@ -51,17 +105,16 @@ impl Mosaic {
         let ((south, rows), (west, columns)) = (bound(|t| t.corner.lat), bound(|t| t.corner.lon));
         let side = tiles[0].side;
         let count = tiles.len() as u32;
-        let seams = SeamReport { tiles: count, missing_tiles: rows * columns - count, ..SeamReport::default() };
         let info = describe(Corner { lat: south, lon: west }, side, [columns, rows], count, options, tiles[0].path())?;
         let place = |t: Tile| ((t.corner.lat.abs_diff(south), t.corner.lon.abs_diff(west)), t);
+        let mut overlap = Overlap::new(count, info.nx, info.ny);
+        overlap.report.missing_tiles = rows * columns - count;
         Ok(Self {
-            counted: vec![false; info.ny as usize],
-            flags: vec![0; info.nx as usize],
             info,
             tiles: tiles.into_iter().map(place).collect(),
             cells: side - 1,
             nodata: options.nodata,
-            seams,
+            overlap,
         })
     }
 
@@ -75,8 +128,7 @@ impl Mosaic {
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let rows = self.tile_rows(j);
         out.fill(f64::NAN);
-        self.flags.fill(0);
-        let mut largest = 0.0;
+        self.overlap.begin_row();
         for (&(tj, ti), tile) in &mut self.tiles {
             if !rows.contains(&tj) {
                 tile.release();
@@ -84,38 +136,15 @@ impl Mosaic {
             }
             let samples = tile.row(j - tj * self.cells)?;
             let start = ti as usize * self.cells as usize;
-            let posts = out[start..].iter_mut().zip(&mut self.flags[start..]);
-            for (bytes, (post, flags)) in samples.chunks_exact(2).zip(posts) {
+            for (i, bytes) in (start..).zip(samples.chunks_exact(2)) {
                 let sample = i16::from_be_bytes([bytes[0], bytes[1]]);
                 let height = f64::from(sample);
-                if sample == VOID || self.nodata == Some(height) {
-                    *flags |= VOID_SOMEWHERE;
-                } else if post.is_nan() {
-                    *flags |= KNOWN;
-                    *post = height;
-                } else {
-                    *flags |= KNOWN_TWICE;
-                    if *post != height {
-                        *flags |= DIFFERS;
-                        largest = f64::max(largest, (*post - height).abs());
-                    }
-                }
+                let void = sample == VOID || self.nodata == Some(height);
+                self.overlap.put(&mut out[i], i, if void { f64::NAN } else { height });
             }
         }
-        self.count(j, largest);
+        self.overlap.end_row(j);
         Ok(())
-    }
-
-    fn count(&mut self, j: u32, largest_difference_m: f64) {
-        if std::mem::replace(&mut self.counted[j as usize], true) {
-            return;
-        }
-        for flags in &self.flags {
-            self.seams.compared_posts += u64::from(flags & KNOWN_TWICE != 0);
-            self.seams.differing_posts += u64::from(flags & DIFFERS != 0);
-            self.seams.filled_posts += u64::from(flags & (KNOWN | VOID_SOMEWHERE) == KNOWN | VOID_SOMEWHERE);
-        }
-        self.seams.largest_difference_m = self.seams.largest_difference_m.max(largest_difference_m);
     }
 }
 
@@ -133,7 +162,11 @@ impl Raster for Mosaic {
     }
 
     fn seams(&self) -> Option<SeamReport> {
-        (self.seams.tiles > 1).then_some(self.seams)
+        (self.overlap.report.tiles > 1).then_some(self.overlap.report)
+    }
+
+    fn release(&mut self) {
+        self.tiles.values_mut().for_each(Tile::release);
     }
 }
 

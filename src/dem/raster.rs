@@ -63,7 +63,7 @@ impl RasterInfo {
 pub struct SeamReport {
     /// Tiles of the mosaic.
     pub tiles: u32,
-    /// Tiles that a rectangle would have but that were not given; their posts are void.
+    /// Tiles of whole degrees that a rectangle would have but that were not given; 0 for mosaics of other formats.
     pub missing_tiles: u32,
     /// Posts that are known in more than one tile.
     pub compared_posts: u64,
@@ -73,13 +73,16 @@ pub struct SeamReport {
     pub largest_difference_m: f64,
     /// Posts that are void in one tile and known in another; the known one won.
     pub filled_posts: u64,
+    /// Posts of the rectangle that no tile covers; they are void.
+    pub uncovered_posts: u64,
 }
 
 /// An elevation raster whose rows are read on demand.
 ///
 /// Reading each row once, from south to north, is what every reader is made for; other orders are right but may cost
 /// more. Readers keep a band of rows at hand: the height of a block row (strip or tile) in GeoTIFF, one text row in
-/// Esri ASCII, the decompressed tiles of one row of tiles for zipped `.hgt` (25 MiB each), and nothing for raw `.hgt`.
+/// Esri ASCII, the decompressed tiles of one row of tiles for zipped `.hgt` (25 MiB each), 1 MiB in DTED and PNG, all
+/// samples in USGS ASCII DEM, and nothing for raw `.hgt` and raw rasters with a header.
 pub trait Raster: Send {
     /// What is known of the raster.
     fn info(&self) -> &RasterInfo;
@@ -96,4 +99,7 @@ pub trait Raster: Send {
     fn seams(&self) -> Option<SeamReport> {
         None
     }
+
+    /// Lets go of what is kept at hand: the next rows will be read far from the last ones, or not at all.
+    fn release(&mut self) {}
 }

@@ -19,6 +19,8 @@ pub(super) enum Format {
     Tiff,
     /// Esri ASCII grid.
     Ascii,
+    /// DTED cell.
+    Dted,
 }
 
 /// Tells the format of `path`, or why it has none.
@@ -45,6 +47,7 @@ pub(super) fn format_of(path: &Path) -> Result<Format, DemError> {
         .unwrap_or_else(|| match extension.as_str() {
             "hgt" => Ok(Format::Hgt(Packing::Raw)),
             "asc" => Ok(Format::Ascii),
+            "dt0" | "dt1" | "dt2" => Ok(Format::Dted),
             "tif" | "tiff" => Err("a file named .tif without TIFF's first bytes".to_owned()),
             "bil" | "bip" | "bsq" | "hdr" => Err("a raw raster with a header file".to_owned()),
             "dem" => Err("a USGS ASCII DEM or another .dem file".to_owned()),
@@ -63,7 +66,9 @@ fn by_content(head: &[u8]) -> Option<Result<Format, String>> {
         [0x1f, 0x8b, ..] => Some(Ok(Format::Hgt(Packing::Gzip))),
         [0x89, b'P', b'N', b'G', ..] => other("a PNG picture"),
         [0xff, 0xd8, 0xff, ..] => other("a JPEG picture"),
-        [b'U', b'H', b'L', b'1', ..] => other("a DTED file"),
+        [b'U', b'H', b'L', b'1', ..] | [b'V', b'O', b'L', b'1', ..] | [b'H', b'D', b'R', b'1', ..] => {
+            Some(Ok(Format::Dted))
+        }
         [0x89, b'H', b'D', b'F', ..] => other("an HDF5 or NetCDF file"),
         [b'C', b'D', b'F', 1 | 2 | 5, ..] => other("a NetCDF file"),
         _ => {

@@ -57,6 +57,11 @@ const WGS84_E2: f64 = 6.694_379_990_141_316e-3;
 pub const EARTH_RADIUS_M: f64 = 6_371_008.8;
 
 impl Georeference {
+    /// Whether a raster says where it lies: readers give origin 0 and steps of 1 when it does not.
+    pub fn is_placed(&self) -> bool {
+        self.epsg.is_some() || self.geographic || self.origin != [0.0; 2] || self.step != [1.0; 2]
+    }
+
     /// A map coordinate pair in posts.
     pub fn grid_from_map(&self, x: f64, y: f64) -> [f64; 2] {
         [(x - self.origin[0]) / self.step[0], (y - self.origin[1]) / self.step[1]]

@@ -17,6 +17,55 @@ pub(crate) fn hgt(side: usize, height: impl Fn(usize, usize) -> i16) -> Vec<u8> 
     bytes
 }
 
+/// A DTED cell to be, whole seconds of longitude and latitude, tenths of an arc-second between posts.
+#[derive(Clone, Debug)]
+pub(crate) struct Dted {
+    pub(crate) nx: usize,
+    pub(crate) ny: usize,
+    pub(crate) corner: (&'static str, &'static str),
+    pub(crate) interval: (u32, u32),
+    pub(crate) series: &'static str,
+    pub(crate) datums: &'static str,
+}
+
+impl Default for Dted {
+    fn default() -> Self {
+        let corner = ("0070000E", "0500000N");
+        Self { nx: 5, ny: 4, corner, interval: (30, 30), series: "DTED1", datums: "E96WGS84" }
+    }
+}
+
+impl Dted {
+    /// The file: `height(i, j)` from the south-west, `None` for void.
+    pub(crate) fn encode(&self, height: impl Fn(usize, usize) -> Option<i16>) -> Vec<u8> {
+        let mut uhl = format!(
+            "UHL1{}{}{:04}{:04}0000U  {:12}{:04}{:04}0",
+            self.corner.0, self.corner.1, self.interval.0, self.interval.1, "", self.nx, self.ny
+        );
+        uhl = format!("{uhl:80}");
+        let mut dsi = format!("{:648}", "DSIU");
+        let mut set = |at: usize, text: &str| dsi.replace_range(at..at + text.len(), text);
+        set(59, self.series);
+        set(141, self.datums);
+        set(264, "0000000.0");
+        let mut bytes = format!("{uhl}{dsi}{:2700}", "ACC").into_bytes();
+        for i in 0..self.nx {
+            let start = bytes.len();
+            bytes.extend([0xaa, 0, 0, 0, (i >> 8) as u8, i as u8, 0, 0]);
+            for j in 0..self.ny {
+                let word = match height(i, j) {
+                    Some(h) => h.unsigned_abs() | if h < 0 { 0x8000 } else { 0 },
+                    None => 0xffff,
+                };
+                bytes.extend(word.to_be_bytes());
+            }
+            let sum: u32 = bytes[start..].iter().map(|b| u32::from(*b)).sum();
+            bytes.extend(sum.to_be_bytes());
+        }
+        bytes
+    }
+}
+
 /// `content` as a gzip stream.
 pub(crate) fn gz(content: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::default());

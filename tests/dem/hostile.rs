@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use sightline::dem::{DemError, MAX_HEIGHT_M};
 
 use crate::encoders::{gz, hgt, zip};
-use crate::samples::{asc, for_each_mutation, tiffs};
+use crate::samples::{asc, dted, for_each_mutation, tiffs};
 use crate::{Folder, open};
 
 /// Panics on any thread since the first sample was tried; the reader's own net must stay empty.
@@ -71,6 +71,11 @@ fn every_mutation_of_an_ascii_grid_is_an_error_or_a_raster() {
 }
 
 #[test]
+fn every_mutation_of_a_dted_cell_is_an_error_or_a_raster() {
+    survive(&Folder::new(), "cell.dt1", &dted(), 64);
+}
+
+#[test]
 fn mutations_of_a_packed_tile_are_errors_or_tiles() {
     let folder = Folder::new();
     let tile = hgt(1201, |_, _| 100);
@@ -112,7 +117,7 @@ fn files_of_other_kinds_are_told_by_name() {
         assert!(error(name, png).contains("PNG"), "{name}");
     }
     assert!(error("a.tif", b"not a tiff at all").contains("without TIFF's first bytes"));
-    assert!(error("a.dt1", b"UHL1 and so on").contains("DTED"));
+    assert!(error("a.xyz", b"UHL1 and so on").contains("DTED"));
     assert!(error("a.bil", &[0; 100]).contains("header file"));
     assert!(error("a.xyz", b"1 2 3").contains(".xyz"));
     assert!(error("a.asc", b"hello world").contains("line 1"));

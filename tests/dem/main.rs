@@ -2,10 +2,12 @@
 //! files where the folder with them is named.
 
 mod ascii;
+mod dted;
 mod encoders;
 mod geotiff;
 mod hgt;
 mod hostile;
+mod join;
 mod real;
 mod samples;
 

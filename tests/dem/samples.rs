@@ -1,12 +1,17 @@
 //! Small samples of each format, and every way to damage them.
 
-use crate::encoders::{Codec, Samples, Tiff};
+use crate::encoders::{Codec, Dted, Samples, Tiff};
 
 /// An Esri ASCII grid with every kind of number.
 pub(crate) fn asc() -> String {
     "ncols 5\nnrows 4\nxllcorner 100.5\nyllcorner -2e2\ncellsize 10\nNODATA_value -9999\n\
      1 2 3 4 5\n-9999 7.25 8e1 9 +10\n11 12 13 14 15\n16 17 18 19 20\n"
         .to_owned()
+}
+
+/// A DTED cell with a negative height and a void.
+pub(crate) fn dted() -> Vec<u8> {
+    Dted::default().encode(|i, j| ((i, j) != (3, 2)).then_some(20 - 15 * i as i16 + j as i16))
 }
 
 /// A TIFF for each codec, and for each layout.
