@@ -378,6 +378,24 @@ mod tests {
         }
     }
 
+    proptest! {
+        /// Points rounded onto a line or plane: rounded determinants of these are often of the wrong sign.
+        #[test]
+        fn almost_ties_are_decided_as_rational_arithmetic_does(
+            a in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
+            b in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
+            c in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
+            (s, t) in (-1.0..2.0_f64, -1.0..2.0_f64),
+        ) {
+            let on_line = [0, 1, 2].map(|k| a[k] + s * (b[k] - a[k]));
+            let in_plane = [0, 1, 2].map(|k| on_line[k] + t * (c[k] - a[k]));
+            let (u, v) = (from_to(a, b), from_to(a, on_line));
+            prop_assert_eq!(orient2d(plan(a), plan(b), plan(on_line)), sign(&(&u[0] * &v[1] - &u[1] * &v[0])));
+            let volume = sign(&determinant([from_to(a, b), from_to(a, c), from_to(a, in_plane)]));
+            prop_assert_eq!(orient3d(a, b, c, in_plane), volume);
+        }
+    }
+
     #[test]
     fn neighbours_of_a_tie_are_told_apart() {
         let (a, b) = ([0.1, 0.1], [0.3, 0.3]);
