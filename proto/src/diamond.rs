@@ -227,6 +227,13 @@ impl RootSquare {
         self.triangles(p).next().map(|t| [t.e0, t.e1])
     }
 
+    /// The post that the diamond at `p` hangs on: the finer end of its base, two levels up. `None` for the first two
+    /// levels, whose bases end in corners of the square.
+    pub fn hangs_on(self, p: Post) -> Option<Post> {
+        let [e0, e1] = self.base_ends(p)?;
+        [e0, e1].into_iter().filter(|&e| self.level(e).is_some()).max_by_key(|&e| self.level(e))
+    }
+
     fn apex_offsets(p: Post) -> [(i64, i64); 2] {
         let (b, kind) = Kind::of(p);
         let d = i64::from(b);

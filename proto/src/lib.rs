@@ -5,16 +5,20 @@
 //! active posts with heights, and its triangles), [`verdict`] (the line of sight on a mesh), [`codec`] (a mesh as
 //! bytes, see `WIRE.md`), [`replica`] (a mesh kept up to date by frames) and [`v1`] (the generated messages and services).
 
-mod bits;
 pub mod codec;
+mod context;
 pub mod diamond;
+mod heights;
 pub mod mesh;
 mod number;
 pub mod predicates;
+mod range_coder;
 pub mod replica;
+mod sides;
 pub mod verdict;
 #[cfg(test)]
 mod verdict_tests;
+mod walk;
 
 /// The id that no sight line may have: frames use it for the requirement that the eye is not under its own mesh.
 pub const EYE_LINE_ID: u64 = u64::MAX;

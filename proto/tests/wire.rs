@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use proptest::prelude::*;
 use sightline_proto::{
+    codec::{DELTA_BIT, DecodeError, PAYLOAD_VERSION},
     diamond::{Post, RootSquare},
     mesh::Mesh,
     replica::{ApplyError, MeshError, Replica, post_hash},
@@ -78,7 +79,7 @@ impl Vector {
 #[test]
 fn conformance_of_the_payload_vectors() {
     let vectors = vectors();
-    assert!(vectors.len() >= 6);
+    assert!(vectors.len() >= 9);
     for vector in vectors {
         let name = &vector.name;
         let [nx, ny] = vector.numbers("grid")[..] else { panic!("{name}") };
@@ -174,7 +175,7 @@ proptest! {
     ) {
         let coarsest = Replica::new(&terrain(33, 20, vec![0; 4])).unwrap();
         let base = mesh_of(&coarsest, &seeds, 1);
-        let mut payload = vec![1, kind];
+        let mut payload = vec![if kind == 2 { PAYLOAD_VERSION | DELTA_BIT } else { PAYLOAD_VERSION }];
         payload.extend(&bytes);
         // The hash cannot be right, so a payload that decodes shows its mesh in the error.
         let mut replica = base.clone();
@@ -234,6 +235,49 @@ fn each_truncation_and_each_flipped_bit_is_refused() {
         let mut replica = base.clone();
         replica.apply(&good, MAX_TRIANGLES).unwrap();
     }
+}
+
+#[test]
+fn other_versions_and_reserved_bits_are_refused() {
+    let (_, [(snapshot, coarsest), _]) = samples();
+    let refusal = |first: u8| {
+        let mesh = [&[first], &snapshot.mesh[1..]].concat();
+        coarsest.clone().apply(&v1::Frame { mesh, ..snapshot.clone() }, MAX_TRIANGLES)
+    };
+    assert_eq!(refusal(0x01), Err(DecodeError::Version(1).into()));
+    assert_eq!(refusal(0x03), Err(DecodeError::Version(3).into()));
+    assert_eq!(refusal(0x82), Err(DecodeError::Reserved(0x82).into()));
+    assert_eq!(refusal(0xc2), Err(DecodeError::Reserved(0xc2).into()));
+    assert_eq!(refusal(0x42), Err(ApplyError::Kind { sequence: 1 }));
+    let empty = v1::Frame { mesh: Vec::new(), ..snapshot.clone() };
+    assert_eq!(coarsest.clone().apply(&empty, MAX_TRIANGLES), Err(DecodeError::Truncated.into()));
+}
+
+#[test]
+fn advancing_gives_the_mesh_and_the_payload_of_the_difference() {
+    let (coarsest, [(_, _), (delta, first)]) = samples();
+    let mut second = first.clone();
+    second.apply(&delta, MAX_TRIANGLES).unwrap();
+    let lost: Vec<Post> =
+        first.posts().iter().map(|&(p, _)| p).filter(|&p| second.integer_height(p).is_none()).collect();
+    let won: Vec<(Post, i32)> =
+        second.posts().into_iter().filter(|&(p, _)| first.integer_height(p).is_none()).collect();
+    assert!(!lost.is_empty() && !won.is_empty());
+    let mut advanced = first.clone();
+    assert_eq!(advanced.advance(&lost, &won, 2).unwrap(), delta.mesh);
+    assert_eq!((advanced.posts(), advanced.hash()), (second.posts(), second.hash()));
+    assert_eq!((advanced.triangle_count(), advanced.sequence()), (second.triangle_count(), 2));
+
+    let mut refuses = |lost: &[Post], won: &[(Post, i32)], error| {
+        assert_eq!(advanced.advance(lost, won, 3), Err(error));
+        assert_eq!((advanced.posts(), advanced.sequence()), (second.posts(), 2));
+    };
+    let centre = Post::new(32, 32);
+    let orphan = coarsest.root().children(centre).filter(|&p| second.integer_height(p).is_some()).min().unwrap();
+    refuses(&[centre], &[], MeshError::Orphan(orphan));
+    refuses(&[Post::new(0, 0)], &[], MeshError::Outside(Post::new(0, 0)));
+    refuses(&[], &[(Post::new(65, 1), 0)], MeshError::Outside(Post::new(65, 1)));
+    refuses(&[], &[(centre, i32::MIN)], MeshError::Twice(centre));
 }
 
 #[test]
