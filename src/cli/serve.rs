@@ -61,18 +61,23 @@ pub(super) async fn bind(listen: &str) -> Result<(TcpListener, SocketAddr), Fail
     Ok((listener, address))
 }
 
-/// Ends at Ctrl-C or SIGTERM.
+/// Ends at Ctrl-C or SIGTERM. Both are caught from the moment that this returns, before anything is awaited: whoever
+/// reads the address may send one at once.
 pub(super) fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static, Failure> {
     #[cfg(unix)]
-    let mut terminated = {
+    let mut signals = {
         use tokio::signal::unix::{SignalKind, signal};
-        signal(SignalKind::terminate()).map_err(|error| Failure::environment("listening for signals", error))?
+        let caught = |kind| signal(kind).map_err(|error| Failure::environment("listening for signals", error));
+        [caught(SignalKind::interrupt())?, caught(SignalKind::terminate())?]
     };
     Ok(async move {
         #[cfg(unix)]
-        tokio::select! {
-            _ = tokio::signal::ctrl_c() => {}
-            _ = terminated.recv() => {}
+        {
+            let [interrupted, terminated] = &mut signals;
+            tokio::select! {
+                _ = interrupted.recv() => {}
+                _ = terminated.recv() => {}
+            }
         }
         #[cfg(not(unix))]
         let _ = tokio::signal::ctrl_c().await;

@@ -1,0 +1,90 @@
+//! `sightline serve` as an operator meets it: its address, a taken port, signals.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Output, Stdio},
+};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline");
+
+fn sightline(args: &[&str]) -> Output {
+    Command::new(PROGRAM).args(args).output().expect("the program starts")
+}
+
+/// A database of a small grid in `folder`.
+fn database(folder: &Path) -> String {
+    let (input, database) = (folder.join("ramp.asc"), folder.join("ramp.sldb"));
+    let rows: String = (0..5).map(|row| format!("{row} 1 2 3 4 5\n")).collect();
+    fs::write(&input, format!("ncols 6\nnrows 5\nxllcorner 0\nyllcorner 0\ncellsize 10\n{rows}")).unwrap();
+    let done = sightline(&["ingest", input.to_str().unwrap(), "-o", database.to_str().unwrap(), "--quiet"]);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    database.to_str().unwrap().to_owned()
+}
+
+/// A server that is killed when a test fails.
+struct Server(Child);
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Server {
+    /// Starts it on a free port; returns its address too.
+    fn start(database: &str) -> (Self, String) {
+        let child = Command::new(PROGRAM)
+            .args(["serve", database, "--listen", "127.0.0.1:0", "--json"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
+        let mut server = Self(child.unwrap());
+        let mut line = String::new();
+        BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let line: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let address = line["address"].as_str().unwrap().to_owned();
+        (server, address)
+    }
+}
+
+#[test]
+fn it_says_where_it_listens_and_a_taken_port_is_the_environments_fault() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = database(folder.path());
+    let (_server, address) = Server::start(&database);
+    let second = sightline(&["serve", &database, "--listen", &address]);
+    assert_eq!(second.status.code(), Some(4));
+    let words = String::from_utf8_lossy(&second.stderr);
+    assert!(words.contains(&address) && words.contains("taken"), "{words}");
+}
+
+#[test]
+fn what_cannot_be_served_has_a_status_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = database(folder.path());
+    let nothing = folder.path().join("nothing.sldb");
+    assert_eq!(sightline(&["serve", nothing.to_str().unwrap()]).status.code(), Some(3));
+    let damaged = folder.path().join("damaged.sldb");
+    let bytes = fs::read(&database).unwrap();
+    fs::write(&damaged, &bytes[..bytes.len() / 2]).unwrap();
+    assert_eq!(sightline(&["serve", damaged.to_str().unwrap()]).status.code(), Some(3));
+    for address in ["nonsense", "127.0.0.1:99999"] {
+        assert_eq!(sightline(&["serve", &database, "--listen", address]).status.code(), Some(2), "{address}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn signals_stop_it_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = database(folder.path());
+    for signal in ["-TERM", "-INT"] {
+        let (mut server, _) = Server::start(&database);
+        let told = Command::new("kill").args([signal, &server.0.id().to_string()]).status().unwrap();
+        assert!(told.success());
+        assert_eq!(server.0.wait().unwrap().code(), Some(0), "{signal}");
+    }
+}
