@@ -19,14 +19,14 @@ use super::{
         run::{self, ClientPlan, Outcome, Plan},
         server::LocalServer,
         show::Show,
-        verdict,
+        up_to, verdict,
     },
     generator::{runtime, write},
 };
 use crate::{
     database::{self, Database, IngestOptions, OpenOptions, VoidPolicy},
     dem,
-    evaluate::flight::Preset,
+    evaluate::flight::{MAX_FRAMES, Preset},
 };
 
 /// Elevation around the Jacksboro Fault, Tennessee.
@@ -52,6 +52,9 @@ pub(super) struct Args {
     /// Folder for the database and the pictures.
     #[arg(short, value_name = "DIR", default_value = "sightline-demo")]
     output: PathBuf,
+    /// Frames of each scene generator.
+    #[arg(long, hide = true, value_name = "F", default_value_t = FRAMES, value_parser = up_to::<MAX_FRAMES>)]
+    frames: usize,
 }
 
 impl Args {
@@ -70,7 +73,7 @@ impl Args {
         let runtime = runtime()?;
         let server = self.serve(&runtime, &database, &remark)?;
         remark(format!("serving at {}", server.address()));
-        let plan = plan(&self.output);
+        let plan = plan(&self.output, self.frames);
         let mut show = Show::new(context, &plan);
         let outcome = run::run(&runtime, &database, &server.address(), &plan, &mut |h| show.tell(&h));
         show.finish();
@@ -126,7 +129,7 @@ impl Args {
         print!("{}", report::table(plan, outcome));
         println!("{seconds:.1} s from start to result; pictures are in {}:", self.output.display());
         for client in &plan.clients {
-            let last = FRAMES - 1;
+            let last = plan.frames - 1;
             println!("  {0}-{last:04}-view.png, {0}-{last:04}-above.png", client.name);
         }
         println!("  sight-lines.png");
@@ -150,7 +153,7 @@ fn ingest(folder: &Path) -> Result<Arc<Database>, Failure> {
     Ok(Arc::new(Database::open(&target, OpenOptions::default()).map_err(|e| failed(&e))?))
 }
 
-fn plan(folder: &Path) -> Plan {
+fn plan(folder: &Path, frames: usize) -> Plan {
     let client =
         |name: &str, triangles, tan_half_fov, preset| ClientPlan { name: name.into(), triangles, tan_half_fov, preset };
     Plan {
@@ -161,7 +164,7 @@ fn plan(folder: &Path) -> Plan {
             client("helicopter", 15_000, 0.7, Preset::Helicopter),
         ],
         sight_lines: SIGHT_LINES,
-        frames: FRAMES,
+        frames,
         seed: 1,
         fidelity: v1::Fidelity::Verdict,
         viewport_px: [1280, 720],

@@ -32,8 +32,11 @@ pub struct ClientTally {
     pub silent_disagreements: u64,
     /// Times that a line was named as unsatisfied.
     pub named: u64,
-    /// Times that a line was named although its verdict is right (only counted for fidelity VERDICT): must be 0.
+    /// Times that a line was named although it holds (not counted for fidelity WEDGIE, which a client cannot judge):
+    /// must be 0.
     pub named_though_right: u64,
+    /// Times that a line of fidelity PROFILE met a triangle above the finest level without being named: must be 0.
+    pub silently_coarse: u64,
     /// Times that a line was UNKNOWN on the terrain: not compared.
     pub unknown: u64,
     /// Frames whose hash was not that of the mesh: must be 0.
@@ -64,6 +67,7 @@ impl ClientTally {
         self.silent_disagreements += other.silent_disagreements;
         self.named += other.named;
         self.named_though_right += other.named_though_right;
+        self.silently_coarse += other.silently_coarse;
         self.unknown += other.unknown;
         self.hash_mismatches += other.hash_mismatches;
         self.refused += other.refused;
@@ -80,6 +84,7 @@ impl ClientTally {
     pub fn findings(&self) -> u64 {
         self.silent_disagreements
             + self.named_though_right
+            + self.silently_coarse
             + self.hash_mismatches
             + self.refused
             + self.exercise_mismatches
@@ -154,7 +159,14 @@ impl Comparison {
             let named = frame.named.contains(&id);
             tally.comparisons += 1;
             let silent = found != Some(exact) && !named;
-            let false_name = found == Some(exact) && named && line.fidelity == v1::Fidelity::Verdict;
+            let coarse = frame.coarse.contains(&id);
+            tally.silently_coarse += u64::from(coarse && !named);
+            let holds = match line.fidelity {
+                v1::Fidelity::Profile => !coarse,
+                v1::Fidelity::Wedgie => false,
+                v1::Fidelity::Verdict | v1::Fidelity::Unspecified => found == Some(exact),
+            };
+            let false_name = holds && named;
             tally.silent_disagreements += u64::from(silent);
             tally.named_though_right += u64::from(false_name);
             if (silent || false_name) && self.examples.len() < MAX_EXAMPLES {
@@ -239,6 +251,7 @@ mod tests {
             digest: 77,
             verdicts: verdicts.to_vec(),
             named: named.to_vec(),
+            coarse: Vec::new(),
         }
     }
 
@@ -285,9 +298,17 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_asks_for_more_than_its_verdict_may_be_named_while_it_is_right() {
-        let mut comparison = Comparison::new([("one".into(), 100)], 1);
-        comparison.frame(0, &frame(&[V], &[1]), &truth(&[v1::Verdict::Visible], v1::Fidelity::Profile));
-        assert_eq!(comparison.total().findings(), 0);
+    fn a_line_that_asks_for_more_than_its_verdict_may_be_named_while_that_is_right() {
+        let tally = |fidelity, frame: FrameRecord| {
+            let mut comparison = Comparison::new([("one".into(), 100)], 1);
+            comparison.frame(0, &frame, &truth(&[v1::Verdict::Visible], fidelity));
+            comparison.total()
+        };
+        assert_eq!(tally(v1::Fidelity::Wedgie, frame(&[V], &[1])).findings(), 0);
+        let coarse = FrameRecord { coarse: vec![1], ..frame(&[V], &[1]) };
+        assert_eq!(tally(v1::Fidelity::Profile, coarse.clone()).findings(), 0);
+        let silent = FrameRecord { named: Vec::new(), ..coarse };
+        assert_eq!(tally(v1::Fidelity::Profile, silent).silently_coarse, 1);
+        assert_eq!(tally(v1::Fidelity::Profile, frame(&[V], &[1])).named_though_right, 1);
     }
 }

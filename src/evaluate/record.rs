@@ -1,7 +1,8 @@
 //! What a scene generator says of the frames it got: one line of text a frame, for a pipe between processes.
 //!
 //! ```text
-//! frame lines 12 5 6 2999 41d2...  9f03...  VVB.B 3,7     kind sequence pose epoch triangles hash digest verdicts names
+//! frame lines 12 5 6 2999 41d2... 9f03... VVB.B 3,7 -     kind sequence pose epoch triangles hash digest verdicts names
+//!                                                         coarse
 //! refused 13 hash the frame announces ...                 a frame that could not be applied
 //! tampered 3,9 ...                                        a sabotaged frame, and the lines that it should betray
 //! done 300 81234                                          poses flown and bytes received
@@ -9,12 +10,12 @@
 //!
 //! Verdict k is of line k + 1: `V`isible or `B`locked on the client's own mesh, `.` where it has no ends for the line.
 
-use std::fmt;
+use std::{fmt, ops::ControlFlow};
 
 use sightline_client::scene::{SceneState, digest_of_lines};
 use sightline_proto::{
-    EYE_LINE_ID,
-    verdict::{MeshVerdict, verdict_on_mesh},
+    EYE_LINE_ID, v1,
+    verdict::{MeshVerdict, for_each_triangle_met, verdict_on_mesh},
 };
 use thiserror::Error;
 
@@ -51,6 +52,8 @@ pub struct FrameRecord {
     pub verdicts: Vec<Option<MeshVerdict>>,
     /// Lines of the exercise that the frame names as unsatisfied; the viewer's own eye is not among them.
     pub named: Vec<u64>,
+    /// Lines of fidelity PROFILE, not UNKNOWN, that meet a triangle above the finest level.
+    pub coarse: Vec<u64>,
 }
 
 /// What a scene generator says.
@@ -93,10 +96,15 @@ impl FrameRecord {
     /// plain view those of the view beside it).
     pub fn of(kind: Kind, meshed: &SceneState, told: &SceneState, lines: usize) -> Self {
         let mut verdicts = vec![None; lines];
+        let mut coarse = Vec::new();
         for (&id, line) in told.lines() {
             let slot = usize::try_from(id).ok().and_then(|id| verdicts.get_mut(id.checked_sub(1)?));
             if let (Some(slot), Some([a, b])) = (slot, line.ends) {
                 *slot = Some(verdict_on_mesh(meshed.replica(), a, b));
+                let profile = line.fidelity == v1::Fidelity::Profile && line.verdict != v1::Verdict::Unknown;
+                if profile && meets_coarse_triangle(meshed, a, b) {
+                    coarse.push(id);
+                }
             }
         }
         Self {
@@ -109,8 +117,17 @@ impl FrameRecord {
             digest: digest_of_lines(told.lines().iter().map(|(&id, line)| (id, line))),
             verdicts,
             named: meshed.unsatisfied().keys().copied().filter(|&id| id != EYE_LINE_ID).collect(),
+            coarse,
         }
     }
+}
+
+fn meets_coarse_triangle(meshed: &SceneState, a: [f64; 3], b: [f64; 3]) -> bool {
+    let met = for_each_triangle_met(meshed.replica(), a, b, |triangle| match triangle.base_midpoint() {
+        Some(_) => ControlFlow::Break(()),
+        None => ControlFlow::Continue(()),
+    });
+    met.is_break()
 }
 
 fn list(ids: &[u64]) -> String {
@@ -132,13 +149,13 @@ impl fmt::Display for Record {
                     None => '.',
                 };
                 let verdicts: String = frame.verdicts.iter().map(verdict).collect();
-                let FrameRecord { sequence, pose_sequence, epoch, triangles, hash, digest, named, .. } = frame;
+                let FrameRecord { sequence, pose_sequence, epoch, triangles, hash, digest, named, coarse, .. } = frame;
                 let verdicts = if verdicts.is_empty() { "-" } else { &verdicts };
                 write!(
                     f,
                     "frame {kind} {sequence} {pose_sequence} {epoch} {triangles} {hash:x} {digest:x} {verdicts} "
                 )?;
-                f.write_str(&list(named))
+                write!(f, "{} {}", list(named), list(coarse))
             }
             Self::Refused { sequence, hash, detail } => {
                 let why = if *hash { "hash" } else { "other" };
@@ -186,7 +203,9 @@ fn parse(line: &str) -> Option<Record> {
 
 fn parse_frame(text: &str) -> Option<FrameRecord> {
     let parts: Vec<&str> = text.split(' ').collect();
-    let [kind, sequence, pose, epoch, triangles, hash, digest, verdicts, named] = parts[..] else { return None };
+    let [kind, sequence, pose, epoch, triangles, hash, digest, verdicts, named, coarse] = parts[..] else {
+        return None;
+    };
     let kind = match kind {
         "lines" => Kind::Lines,
         "plain" => Kind::Plain,
@@ -209,6 +228,7 @@ fn parse_frame(text: &str) -> Option<FrameRecord> {
         digest: u64::from_str_radix(digest, 16).ok()?,
         verdicts: verdicts.chars().map(verdict).collect::<Option<_>>()?,
         named: parse_list(named)?,
+        coarse: parse_list(coarse)?,
     })
 }
 
@@ -228,6 +248,7 @@ mod tests {
             digest: 3,
             verdicts: vec![Some(MeshVerdict::Visible), None, Some(MeshVerdict::Blocked)],
             named: vec![1, 300],
+            coarse: vec![300],
         };
         let empty = FrameRecord { kind: Kind::Lines, verdicts: Vec::new(), named: Vec::new(), ..frame.clone() };
         for record in [
@@ -243,7 +264,7 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused() {
-        for text in ["", "frame", "frame lines 1 2 3", "frame lines 1 1 1 2 0 0 VX -", "done 3", "hello world"] {
+        for text in ["", "frame", "frame lines 1 2 3", "frame lines 1 1 1 2 0 0 VX - -", "done 3", "hello world"] {
             assert!(text.parse::<Record>().is_err(), "{text}");
         }
     }

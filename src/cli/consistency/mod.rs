@@ -93,7 +93,8 @@ enum SabotageName {
     Epoch,
 }
 
-fn up_to<const MOST: usize>(text: &str) -> Result<usize, String> {
+/// A number from 1 to `MOST`.
+pub(super) fn up_to<const MOST: usize>(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n) if (1..=MOST).contains(&n) => Ok(n),
         _ => Err(format!("'{text}' is not a number from 1 to {MOST}")),

@@ -1,0 +1,196 @@
+//! The consistency test, the demonstration and the headless scene generator as a user runs them: as processes.
+//!
+//! An honest server has no findings; each sabotage of one client is counted, exactly as often as it betrays a line.
+
+use std::{
+    fmt::Write as _,
+    net::TcpListener,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    sync::{Arc, OnceLock},
+};
+
+use serde_json::Value;
+use sightline::{
+    database::{Database, OpenOptions},
+    evaluate::recording,
+    service,
+    terrain::synthetic::fractal_height,
+};
+
+fn sightline(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Rough ground of 97 x 97 posts, 30 m apart, with a hole in it; ingested once for all tests of this file.
+fn database() -> &'static Path {
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let folder = std::env::temp_dir().join(format!("sightline-consistency-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let (grid, database) = (folder.join("rough.asc"), folder.join("rough.sightline"));
+        let mut asc = String::from("ncols 97\nnrows 97\nxllcorner 0\nyllcorner 0\ncellsize 30\nNODATA_value -9999\n");
+        for j in (0..97).rev() {
+            for i in 0..97 {
+                let hole = (40..46).contains(&i) && (40..46).contains(&j);
+                write!(asc, "{} ", if hole { -9999 } else { fractal_height(i, j, 7, 300) }).unwrap();
+            }
+            asc.push('\n');
+        }
+        std::fs::write(&grid, asc).unwrap();
+        let path = |p: &Path| p.to_str().unwrap().to_owned();
+        let done = sightline(&["ingest", &path(&grid), "-o", &path(&database), "--unit", "1", "--force"]);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        database
+    })
+}
+
+/// Runs a small test; gives its exit status and document.
+fn consistency(more: &[&str]) -> (i32, Value) {
+    let database = database().to_str().unwrap();
+    let base = ["--json", "--quiet", "consistency", database, "--clients", "2", "--budgets", "300..2000"];
+    let done = sightline(&[&base[..], more].concat());
+    let document = serde_json::from_slice(&done.stdout)
+        .unwrap_or_else(|e| panic!("{e}: {} {}", text(&done.stdout), text(&done.stderr)));
+    (done.status.code().unwrap(), document)
+}
+
+#[test]
+fn independent_clients_agree_with_the_terrain_and_plain_meshes_do_not() {
+    let (status, found) = consistency(&["--sight-lines", "20", "--frames", "12", "--seed", "3"]);
+    assert_eq!(status, 0, "{found:#}");
+    let all = &found["all"];
+    assert_eq!(found["findings"], 0);
+    assert!(all["frames"].as_u64().unwrap() >= 24, "{all:#}");
+    let count = |name: &str| all[name].as_u64().unwrap();
+    assert_eq!(count("comparisons") + count("unknown"), 20 * count("frames"), "{all:#}");
+    let share = |name: &str| found[name].as_f64().unwrap();
+    assert!((20.0..=50.0).contains(&share("visible_percent")), "{found:#}");
+    assert!(share("plain_wrong_percent") >= 10.0, "{found:#}");
+    assert!(found["checks"]["naive"].as_u64().unwrap() >= 1, "{found:#}");
+}
+
+#[test]
+fn other_fidelities_have_no_findings_either() {
+    for fidelity in ["wedgie", "profile"] {
+        let (status, found) =
+            consistency(&["--sight-lines", "8", "--frames", "4", "--fidelity", fidelity, "--seed", "5"]);
+        assert_eq!((status, &found["findings"]), (0, &Value::from(0)), "{fidelity}: {found:#}");
+    }
+}
+
+#[test]
+fn each_sabotage_is_counted_as_often_as_it_betrays_a_line() {
+    // A verdict turns from one epoch to the next only now and then: with 100 lines it does within 40 frames.
+    for (sabotage, lines, frames, mismatches) in
+        [("height", "30", "8", 0), ("split", "30", "8", 0), ("epoch", "100", "40", 1)]
+    {
+        let (status, found) =
+            consistency(&["--sight-lines", lines, "--frames", frames, "--seed", "3", "--sabotage", sabotage]);
+        let (all, victim) = (&found["all"], &found["clients"][1]["found"]);
+        let betrayed = found["checks"]["sabotaged_verdicts"].as_u64().unwrap();
+        assert!(betrayed >= 1, "{sabotage}: {found:#}");
+        assert_eq!(status, 1, "{sabotage}: {found:#}");
+        assert_eq!(victim["silent_disagreements"].as_u64(), Some(betrayed), "{sabotage}: {found:#}");
+        assert_eq!(all["silent_disagreements"].as_u64(), Some(betrayed), "{sabotage}: the honest client is accused");
+        assert_eq!(all["exercise_mismatches"].as_u64(), Some(mismatches), "{sabotage}: {found:#}");
+        assert_eq!(all["hash_mismatches"], 0, "{sabotage}: the hash was falsified with the mesh");
+    }
+}
+
+#[test]
+fn what_cannot_be_tested_is_said_by_exit_status() {
+    let database = database().to_str().unwrap();
+    let status = |args: &[&str]| {
+        let done = sightline(args);
+        (done.status.code().unwrap(), text(&done.stderr))
+    };
+    let nowhere = "http://127.0.0.1:1";
+    assert_eq!(status(&["consistency", nowhere]).0, 2);
+    assert_eq!(status(&["consistency", database, database]).0, 2);
+    assert_eq!(status(&["consistency", database, "--budgets", "5..1"]).0, 2);
+    assert_eq!(status(&["consistency", database, "--clients", "0"]).0, 2);
+    assert_eq!(status(&["consistency", "no-such-file"]).0, 3);
+    let (code, said) = status(&["consistency", database, nowhere, "--sight-lines", "2", "--frames", "1"]);
+    assert_eq!(code, 4, "{said}");
+    assert!(said.contains("127.0.0.1:1"), "{said}");
+}
+
+#[test]
+fn a_scene_generator_draws_records_and_checks_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let terrain = Arc::new(Database::open(database(), OpenOptions::default()).unwrap());
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let listener = runtime.block_on(tokio::net::TcpListener::bind("127.0.0.1:0")).unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    let server = runtime.spawn(service::serve(listener, terrain, std::future::pending()));
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (pictures, record) = (path("pictures"), path("session"));
+    let done = sightline(&[
+        "--json",
+        "view",
+        &address,
+        "-o",
+        &pictures,
+        "--frames",
+        "6",
+        "--every",
+        "4",
+        "--triangles",
+        "900",
+        "--viewport",
+        "160x90",
+        "--flight",
+        "orbit",
+        "--record",
+        &record,
+    ]);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let told: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let flown = &told["flown"];
+    assert_eq!((&flown["poses"], &flown["refused"]), (&Value::from(6), &Value::from(0)), "{told:#}");
+    assert!(flown["most_triangles"].as_u64().unwrap() <= 900);
+    // Poses 0 and 4, and the last: from the viewpoint and from above.
+    let drawn: Vec<_> =
+        flown["pictures"].as_array().unwrap().iter().map(|p| std::fs::read(p.as_str().unwrap()).unwrap()).collect();
+    assert_eq!(drawn.len(), 6);
+    assert!(drawn.iter().all(|png| png.starts_with(b"\x89PNG")));
+    let kept = recording::open(&std::fs::read(&record).unwrap()).unwrap();
+    let replayed = recording::replay(&kept).unwrap();
+    assert_eq!(flown["frames"].as_u64(), Some(replayed.frames));
+    assert_eq!(flown["last_hash"].as_str(), Some(&*format!("{:016x}", replayed.last_hash)));
+    let refused = sightline(&["view", &address, "-o", &pictures, "--record", &record]);
+    assert_eq!(refused.status.code(), Some(4), "an existing recording is not replaced");
+    let absurd = sightline(&["view", &address, "-o", &pictures, "--flight", "sideways"]);
+    assert_eq!(absurd.status.code(), Some(3), "{}", text(&absurd.stderr));
+    let there = [database().to_str().unwrap(), &address, "--clients", "1", "--sight-lines", "3", "--frames", "2"];
+    let tested = sightline(&[&["consistency"], &there[..]].concat());
+    assert!(tested.status.success(), "{}", text(&tested.stderr));
+    server.abort();
+}
+
+#[test]
+fn the_demonstration_takes_another_port_aloud_and_its_pictures_differ() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = folder.path().to_str().unwrap();
+    let done = sightline(&["demo", "--exit", "--listen", &address, "-o", output, "--frames", "5"]);
+    let (said, told) = (text(&done.stderr), text(&done.stdout));
+    assert!(done.status.success(), "{said}{told}");
+    assert!(said.contains(&format!("{address} is taken")), "{said}");
+    assert!(told.contains("silent disagreements: 0 with sight lines"), "{told}");
+    let mut pictures = Vec::new();
+    for line in told.lines().filter(|line| line.starts_with("  ") && line.ends_with(".png")) {
+        pictures.extend(line.split(',').map(|name| std::fs::read(folder.path().join(name.trim())).unwrap()));
+    }
+    assert_eq!(pictures.len(), 7, "{told}");
+    for (n, picture) in pictures.iter().enumerate() {
+        assert!(picture.starts_with(b"\x89PNG"));
+        assert!(!pictures[..n].contains(picture), "picture {n} is drawn twice");
+    }
+}
