@@ -8,16 +8,27 @@
 //! Meshes are of the whole terrain: what lies outside the view is asked about too, by sight lines between others. What
 //! culling would spare a renderer is counted by [`IndexedMesh::drawn`].
 
+mod bintree;
+mod blow;
 pub mod conformity;
 mod full;
+mod geomancy;
+mod geomipmap;
+mod improved_geomipmap;
 pub mod measure;
 mod mesh;
+mod published;
 mod quadtree;
 pub mod sight;
 mod steer;
 mod terrain;
 #[cfg(test)]
 mod tests;
+mod tiles;
+mod tstrip;
+pub mod tstrip_fill;
+mod tstrip_walk;
+mod turner;
 
 use std::sync::Arc;
 
@@ -25,11 +36,20 @@ use thiserror::Error;
 
 use crate::terrain::ReadError;
 
+pub use blow::NestedSpheres;
 pub use full::Full;
+pub use geomancy::Geomancy;
+pub use geomipmap::GeoMipMap;
+pub use improved_geomipmap::ImprovedGeoMipMap;
 pub use mesh::{IndexedMesh, Vertex, changed};
+pub use published::Published;
 pub use quadtree::Quadtree;
 pub use steer::SettingRange;
 pub use terrain::{Ground, LodView, MAX_SIDE};
+pub use tiles::TILE_CELLS;
+pub use tstrip::{Metric, TStrip};
+pub use tstrip_walk::SectorMaxima;
+pub use turner::SplitOnly;
 
 /// What a system aims for.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -93,6 +113,8 @@ pub struct Statistics {
     pub dirty_tiles: u64,
     /// Bytes of index buffers sent again.
     pub index_bytes: u64,
+    /// By how many triangles the budget was exceeded on the way, at most.
+    pub overrun: u64,
     /// Triangle strips of the system's own making.
     pub strips: u64,
     /// Triangle fans of the system's own making.
@@ -106,6 +128,10 @@ pub trait LevelOfDetail {
 
     /// Bytes held besides the height map.
     fn memory_bytes(&self) -> usize;
+
+    /// Whether vertices move gradually between levels of detail, in systems that can; off at first, so that vertices lie
+    /// on the terrain.
+    fn set_morph(&mut self, _morph: bool) {}
 }
 
 /// Which system.
@@ -115,17 +141,48 @@ pub enum Algorithm {
     Full,
     /// Roettger's continuous level of detail.
     Quadtree,
+    /// De Boer's geometrical mipmaps.
+    GeoMipMap,
+    /// Geometrical mipmaps as Ye and Wang improved them.
+    ImprovedGeoMipMap,
+    /// Szoka's lines of blocks.
+    TStrip,
+    /// White's tiled ROAM.
+    Geomancy,
+    /// Turner's split-only ROAM.
+    SplitOnly,
+    /// Blow's nested spheres.
+    NestedSpheres,
+    /// ROAM as published.
+    Published,
 }
 
 impl Algorithm {
     /// All systems.
-    pub const ALL: [Self; 2] = [Self::Full, Self::Quadtree];
+    pub const ALL: [Self; 9] = [
+        Self::Full,
+        Self::Quadtree,
+        Self::GeoMipMap,
+        Self::ImprovedGeoMipMap,
+        Self::TStrip,
+        Self::Geomancy,
+        Self::SplitOnly,
+        Self::NestedSpheres,
+        Self::Published,
+    ];
 
     /// A short name for tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Full => "full resolution",
             Self::Quadtree => "quadtree (Roettger)",
+            Self::GeoMipMap => "GeoMipMap (de Boer)",
+            Self::ImprovedGeoMipMap => "improved GeoMipMap (Ye and Wang)",
+            Self::TStrip => "T-Strip (Szoka)",
+            Self::Geomancy => "GEOmancy (White)",
+            Self::SplitOnly => "split-only ROAM (Turner)",
+            Self::NestedSpheres => "nested spheres (Blow)",
+            Self::Published => "ROAM as published (Duchaineau)",
         }
     }
 
@@ -134,6 +191,13 @@ impl Algorithm {
         match self {
             Self::Full => "none",
             Self::Quadtree => "desired global resolution c",
+            Self::GeoMipMap => "error tau in pixels",
+            Self::ImprovedGeoMipMap => "error tau in pixels, at about a metre of deviation",
+            Self::TStrip => "LOD ratio in blocks",
+            Self::Geomancy => "threshold in pixels",
+            Self::SplitOnly => "threshold in pixels",
+            Self::NestedSpheres => "error tau in pixels",
+            Self::Published => "triangle budget",
         }
     }
 
@@ -142,6 +206,13 @@ impl Algorithm {
         match self {
             Self::Full => SettingRange { coarse: 1.0, fine: 1.0 },
             Self::Quadtree => quadtree::RANGE,
+            Self::GeoMipMap => geomipmap::RANGE,
+            Self::ImprovedGeoMipMap => improved_geomipmap::RANGE,
+            Self::TStrip => tstrip::RANGE,
+            Self::Geomancy => geomancy::RANGE,
+            Self::SplitOnly => turner::RANGE,
+            Self::NestedSpheres => blow::RANGE,
+            Self::Published => published::RANGE,
         }
     }
 
@@ -151,6 +222,13 @@ impl Algorithm {
         match self {
             Self::Full => System::Full(Full::new(ground)),
             Self::Quadtree => System::Quadtree(Quadtree::new(ground, quadtree::MINIMUM_RESOLUTION)),
+            Self::GeoMipMap => System::GeoMipMap(GeoMipMap::new(ground)),
+            Self::ImprovedGeoMipMap => System::ImprovedGeoMipMap(ImprovedGeoMipMap::new(ground)),
+            Self::TStrip => System::TStrip(TStrip::new(ground, tstrip::Metric::Distance)),
+            Self::Geomancy => System::Geomancy(Geomancy::new(ground)),
+            Self::SplitOnly => System::SplitOnly(SplitOnly::new(ground)),
+            Self::NestedSpheres => System::NestedSpheres(NestedSpheres::new(ground)),
+            Self::Published => System::Published(Published::new(ground)),
         }
     }
 }
@@ -162,6 +240,20 @@ pub enum System {
     Full(Full),
     /// Roettger's continuous level of detail.
     Quadtree(Quadtree),
+    /// De Boer's geometrical mipmaps.
+    GeoMipMap(GeoMipMap),
+    /// Geometrical mipmaps as Ye and Wang improved them.
+    ImprovedGeoMipMap(ImprovedGeoMipMap),
+    /// Szoka's lines of blocks.
+    TStrip(TStrip),
+    /// White's tiled ROAM.
+    Geomancy(Geomancy),
+    /// Turner's split-only ROAM.
+    SplitOnly(SplitOnly),
+    /// Blow's nested spheres.
+    NestedSpheres(NestedSpheres),
+    /// ROAM as published.
+    Published(Published),
 }
 
 impl System {
@@ -169,6 +261,13 @@ impl System {
         match self {
             Self::Full(system) => system,
             Self::Quadtree(system) => system,
+            Self::GeoMipMap(system) => system,
+            Self::ImprovedGeoMipMap(system) => system,
+            Self::TStrip(system) => system,
+            Self::Geomancy(system) => system,
+            Self::SplitOnly(system) => system,
+            Self::NestedSpheres(system) => system,
+            Self::Published(system) => system,
         }
     }
 }
@@ -182,6 +281,17 @@ impl LevelOfDetail for System {
         match self {
             Self::Full(system) => system.memory_bytes(),
             Self::Quadtree(system) => system.memory_bytes(),
+            Self::GeoMipMap(system) => system.memory_bytes(),
+            Self::ImprovedGeoMipMap(system) => system.memory_bytes(),
+            Self::TStrip(system) => system.memory_bytes(),
+            Self::Geomancy(system) => system.memory_bytes(),
+            Self::SplitOnly(system) => system.memory_bytes(),
+            Self::NestedSpheres(system) => system.memory_bytes(),
+            Self::Published(system) => system.memory_bytes(),
         }
+    }
+
+    fn set_morph(&mut self, morph: bool) {
+        self.inner().set_morph(morph);
     }
 }

@@ -117,11 +117,6 @@ impl Quadtree {
         tree
     }
 
-    /// Whether vertices move between levels; off at first, so that vertices lie on the terrain.
-    pub fn set_morph(&mut self, morph: bool) {
-        self.morph = morph;
-    }
-
     fn root(&self) -> Block {
         let half = self.ground.side() / 2;
         Block { i: half, j: half, half }
@@ -377,6 +372,10 @@ impl LevelOfDetail for Quadtree {
 
     fn memory_bytes(&self) -> usize {
         size_of_val(self.roughness.as_slice()) + self.blend.len() + self.builder.bytes()
+    }
+
+    fn set_morph(&mut self, morph: bool) {
+        self.morph = morph;
     }
 }
 

@@ -93,6 +93,17 @@ impl Ground {
     }
 }
 
+/// Where a ball lies against the frustum.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Place {
+    /// Outside at least one plane.
+    Out,
+    /// Neither.
+    Partly,
+    /// Inside all planes.
+    In,
+}
+
 /// A perspective view: what every paper here assumes.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct LodView {
@@ -100,6 +111,10 @@ pub struct LodView {
     pixels: f64,
     near_m: f64,
     camera: Camera,
+    /// To the right, up and forward, of length 1.
+    axes: [DVec3; 3],
+    /// Tangents of half the angles across and up.
+    half: [f64; 2],
 }
 
 impl LodView {
@@ -113,7 +128,10 @@ impl LodView {
     ) -> Result<Self, CameraError> {
         let camera = Camera::new(eye, rotation, Projection::Perspective { tan_half_fov, near_m }, viewport_px)?;
         let pixels = f64::from(viewport_px[1]) / (2.0 * tan_half_fov);
-        Ok(Self { eye, pixels, near_m, camera })
+        let half = [tan_half_fov * f64::from(viewport_px[0]) / f64::from(viewport_px[1]), tan_half_fov];
+        let unit = rotation.normalize();
+        let axes = [unit * DVec3::X, unit * DVec3::Y, unit * DVec3::NEG_Z];
+        Ok(Self { eye, pixels, near_m, camera, axes, half })
     }
 
     /// The eye in metres in the scene frame.
@@ -132,9 +150,43 @@ impl LodView {
         self.near_m
     }
 
+    /// The corners of the picture at a depth in front of the eye, in the scene frame, around the axis.
+    pub(super) fn corners(&self, depth_m: f64) -> [DVec3; 4] {
+        let [right, up, forward] = self.axes;
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(x, y)| self.eye + (forward + right * (x * self.half[0]) + up * (y * self.half[1])) * depth_m)
+    }
+
     /// The camera, for measures of distortion.
     pub fn camera(&self) -> &Camera {
         &self.camera
+    }
+
+    /// Where a ball lies: outside one plane of the frustum, inside all, or neither.
+    pub(super) fn classify(&self, centre: DVec3, radius_m: f64) -> Place {
+        let [right, up, forward] = self.axes;
+        let offset = centre - self.eye;
+        let [x, y, depth] = [right, up, forward].map(|axis| offset.dot(axis));
+        let mut least = depth - self.near_m;
+        for (across, half) in [(x, self.half[0]), (y, self.half[1])] {
+            least = least.min((depth * half - across.abs()) / (1.0 + half * half).sqrt());
+        }
+        match least {
+            _ if least < -radius_m => Place::Out,
+            _ if least >= radius_m => Place::In,
+            _ => Place::Partly,
+        }
+    }
+
+    /// Where a point appears, in pixels from the middle of the picture; `None` nearer than the near plane.
+    pub(super) fn project(&self, p: DVec3) -> Option<[f64; 2]> {
+        let [x, y, depth] = self.axes.map(|axis| (p - self.eye).dot(axis));
+        (depth >= self.near_m).then(|| [x / depth * self.pixels, y / depth * self.pixels])
+    }
+
+    /// Whether two views differ in the place of the eye only.
+    pub(super) fn same_picture(&self, other: &Self) -> bool {
+        self.axes == other.axes && self.half == other.half && self.pixels == other.pixels
     }
 
     /// Whether a ball meets the frustum (more exactly: no plane of the frustum has the whole ball outside).

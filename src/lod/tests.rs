@@ -77,6 +77,10 @@ fn counts_are_kept_and_more_triangles_are_closer_to_the_surface() {
             let error = vertical_error(&frame.mesh, &ground).rms;
             assert!(error <= rms * 1.05, "{what}: {error} after {rms}");
             rms = error;
+            if algorithm == Algorithm::Published {
+                // Its queues go on where they stopped, and its metric need not settle.
+                continue;
+            }
             let again = system.update(&view, Target::Setting(frame.statistics.setting)).unwrap();
             assert_eq!(again.mesh.plan(), frame.mesh.plan(), "{what}: its setting gives another mesh");
         }
@@ -117,7 +121,7 @@ fn settings_out_of_range_are_refused() {
 fn the_finest_mesh_is_the_terrain() {
     let ground = ground(33, 33, 3);
     let view = view(&ground, 0.5, 0.5, 10.0);
-    for algorithm in Algorithm::ALL {
+    for algorithm in Algorithm::ALL.into_iter().filter(|&a| !culls(a)) {
         let frame = algorithm.prepare(&ground).update(&view, Target::Setting(algorithm.range().fine)).unwrap();
         let error = vertical_error(&frame.mesh, &ground);
         assert!(error.max_at_posts < 1e-9, "{}: {error:?}", algorithm.name());
@@ -127,9 +131,14 @@ fn the_finest_mesh_is_the_terrain() {
     }
 }
 
+/// Whether a system spends no triangle out of view.
+fn culls(algorithm: Algorithm) -> bool {
+    algorithm == Algorithm::Published
+}
+
 /// Whether the cells of a system's finest mesh are cut as those of the finest surface.
 fn same_diagonals(algorithm: Algorithm) -> bool {
-    matches!(algorithm, Algorithm::Full | Algorithm::Quadtree)
+    !matches!(algorithm, Algorithm::GeoMipMap | Algorithm::ImprovedGeoMipMap | Algorithm::TStrip)
 }
 
 /// The deviation at one post by trying every triangle.
@@ -269,7 +278,7 @@ fn verdicts_on_the_finest_mesh_are_those_on_the_finest_surface() {
     let ground = Ground::read(&field, SCALE).unwrap();
     let view = view(&ground, 0.5, 0.5, 10.0);
     let mut counts = [0; 2];
-    for algorithm in Algorithm::ALL.into_iter().filter(|&a| same_diagonals(a)) {
+    for algorithm in Algorithm::ALL.into_iter().filter(|&a| same_diagonals(a) && !culls(a)) {
         let mesh = algorithm.prepare(&ground).update(&view, Target::Setting(algorithm.range().fine)).unwrap().mesh;
         let index = SightIndex::new(&mesh, ground.grid());
         for seed in 0..300 {
