@@ -209,7 +209,6 @@ impl Bintree {
         self.changes.push(Change::Merge { parent: t, child });
     }
 
-    #[cfg(test)]
     /// The neighbours of a leaf across its left edge, its right edge and its base; `NONE` beyond the border.
     pub(super) fn neighbours(&self, t: u32) -> [u32; 3] {
         let tri = self.get(t);

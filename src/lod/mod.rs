@@ -21,6 +21,7 @@ mod published;
 mod quadtree;
 pub mod sight;
 mod steer;
+pub mod strips;
 mod terrain;
 #[cfg(test)]
 mod tests;
@@ -228,7 +229,7 @@ impl Algorithm {
             Self::Geomancy => System::Geomancy(Geomancy::new(ground)),
             Self::SplitOnly => System::SplitOnly(SplitOnly::new(ground)),
             Self::NestedSpheres => System::NestedSpheres(NestedSpheres::new(ground)),
-            Self::Published => System::Published(Published::new(ground)),
+            Self::Published => System::Published(Box::new(Published::new(ground))),
         }
     }
 }
@@ -253,7 +254,7 @@ pub enum System {
     /// Blow's nested spheres.
     NestedSpheres(NestedSpheres),
     /// ROAM as published.
-    Published(Published),
+    Published(Box<Published>),
 }
 
 impl System {
@@ -267,7 +268,7 @@ impl System {
             Self::Geomancy(system) => system,
             Self::SplitOnly(system) => system,
             Self::NestedSpheres(system) => system,
-            Self::Published(system) => system,
+            Self::Published(system) => system.as_mut(),
         }
     }
 }

@@ -24,6 +24,7 @@ use super::{
     Frame, Ground, LevelOfDetail, LodError, LodView, SettingRange, Statistics, Target,
     bintree::{Bintree, Change, ImplicitTree, NONE, Tri},
     mesh::MeshBuilder,
+    strips::StripSet,
     terrain::Place,
 };
 
@@ -72,6 +73,8 @@ pub struct Published {
     frame: u64,
     last: Option<LodView>,
     decisions: u64,
+    /// The strips of section 8.1, when they are kept.
+    strips: Option<StripSet>,
 }
 
 impl Published {
@@ -90,10 +93,56 @@ impl Published {
             frame: 0,
             last: None,
             decisions: 0,
+            strips: None,
         };
         system.requeue(0);
         system.requeue(1);
         system
+    }
+
+    /// Keeps triangle strips from now on, changed as triangles are.
+    pub fn keep_strips(&mut self) {
+        let mut strips = StripSet::default();
+        let tree = &self.tree;
+        tree.for_each_leaf(|t, tri| strips.add(t, tri.corners.map(|p| p.key()), &tree.neighbours(t)));
+        self.strips = Some(strips);
+    }
+
+    /// The strips, when they are kept. Their vertices are the keys of posts.
+    pub fn strips(&mut self) -> Option<&mut StripSet> {
+        self.strips.as_mut()
+    }
+
+    /// Takes changes up in the strips: first the triangles that went, then those that came, then their neighbours.
+    fn restrip(&mut self, changes: &[Change]) {
+        let Some(strips) = &mut self.strips else { return };
+        let mut came = Vec::new();
+        for change in changes {
+            match *change {
+                Change::Split(parent) => {
+                    strips.remove(parent);
+                    let child = self.tree.get(parent).child;
+                    if child != NONE {
+                        came.extend([child, child + 1]);
+                    }
+                }
+                Change::Merge { parent, child } => {
+                    strips.remove(child);
+                    strips.remove(child + 1);
+                    came.push(parent);
+                }
+            }
+        }
+        came.retain(|&t| self.tree.is_leaf(t));
+        came.sort_unstable();
+        came.dedup();
+        for &t in &came {
+            let corners = self.tree.get(t).corners.map(|p| p.key());
+            strips.add(t, corners, &self.tree.neighbours(t));
+        }
+        for n in came.iter().flat_map(|&t| self.tree.neighbours(t)).filter(|&n| n != NONE) {
+            strips.join(n, &self.tree.neighbours(n));
+        }
     }
 
     /// A triangle's corners, their mean, and the radius of a ball around it that holds the wedgie.
@@ -134,6 +183,7 @@ impl Published {
     /// Takes up the changes of the tree: new triangles get priorities, and all that border the changes their queue.
     fn settle(&mut self, from: usize, view: &LodView) {
         let changes = self.tree.changes[from..].to_vec();
+        self.restrip(&changes);
         let mut touched = Vec::new();
         for change in changes {
             let parent = match change {
@@ -335,6 +385,7 @@ impl LevelOfDetail for Published {
             splits: splits as u64,
             merges: (self.tree.changes.len() - splits) as u64,
             overrun: overrun as u64,
+            strips: self.strips.as_ref().map_or(0, |s| s.output().pieces as u64),
             ..Statistics::default()
         };
         let bound_px = self.splits.last().map_or(0.0, |e| f64::from_bits(e.0));
@@ -377,6 +428,32 @@ mod tests {
         let corner = DVec3::new(3.0, 0.0, 0.0);
         assert!((vertex_bound([corner, DVec3::ZERO, DVec3::ZERO], 5.0, &view) - 180.0).abs() < 1e-9);
         assert_eq!(vertex_bound([corner; 3], 9.5, &view), f64::INFINITY, "nearer than the near plane");
+    }
+
+    #[test]
+    fn strips_hold_the_mesh_after_any_frames() {
+        let ground = Ground::read(&fractal(65, 65, 7, 300).unwrap(), SceneScale::UNIT).unwrap();
+        let mut system = Published::new(ground);
+        system.keep_strips();
+        for n in 0..9 {
+            let eye = DVec3::new(5.0 * f64::from(n), 30.0, 300.0);
+            let view = LodView::new(eye, DQuat::IDENTITY, 0.5, 1.0, [800, 600]).unwrap();
+            let frame = system.update(&view, Target::Triangles([700, 900, 300][n as usize % 3])).unwrap();
+            let turned = |mut t: [u64; 3]| {
+                t.sort_unstable();
+                t
+            };
+            let mut expected: Vec<_> = frame.mesh.plan().into_iter().map(turned).collect();
+            expected.sort_unstable();
+            let strips = system.strips().unwrap();
+            let mut found: Vec<_> = strips
+                .vertices()
+                .flat_map(|s| s.windows(3).map(|w| turned([w[0], w[1], w[2]])).collect::<Vec<_>>())
+                .collect();
+            found.sort_unstable();
+            assert_eq!(found, expected, "frame {n}");
+            assert!(strips.output().average() > 2.0, "{:?}", strips.output());
+        }
     }
 
     #[test]
