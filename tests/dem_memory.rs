@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use sightline::dem::{self, DemError, OpenOptions};
 
-use encoders::{Codec, Dted, Samples, Tiff, gz, hgt, zip};
+use encoders::{Codec, Dted, Samples, Tiff, Usgs, gz, hgt, png, zip};
 
 /// Bytes allocated now, and the most since the last reset.
 static NOW: AtomicUsize = AtomicUsize::new(0);
@@ -85,15 +85,34 @@ fn a_hostile_file_takes_at_most_four_times_its_length_and_16_mib() {
     }
     samples::for_each_mutation(samples::asc().as_bytes(), |content, what| drop(check("grid.asc", content, what)));
     samples::for_each_mutation(&samples::dted(), |content, what| drop(check("cell.dt1", content, what)));
+    samples::for_each_mutation(&samples::usgs(), |content, what| drop(check("quad.dem", content, what)));
+    for (name, sample) in samples::pngs() {
+        samples::for_each_mutation(&sample, |content, what| drop(check(name, content, what)));
+    }
+    for ([header, raster], [text, data]) in samples::raws() {
+        std::fs::write(folder.path().join(header), &text).unwrap();
+        samples::for_each_mutation(&data, |content, what| drop(check(raster, content, what)));
+        samples::for_each_mutation(&text, |content, what| {
+            std::fs::write(folder.path().join(header), content).unwrap();
+            drop(check(raster, &data, what));
+        });
+        std::fs::remove_file(folder.path().join(header)).unwrap();
+    }
     for (name, content) in lying_rasters() {
         check(name, &content, "a lie").expect_err(name);
     }
+    check("deep.png", &deep_picture(), "as it is").expect("a sound picture");
     println!("most: {most} bytes");
     for (name, content) in packed_tiles() {
         let (result, peak) = measure(&folder, name, &content);
         println!("{name}: {} bytes, {peak} at most, {result:?}", content.len());
         assert!(peak <= LEGAL_TILE_BYTES.max(4 * content.len() + 16 * MIB), "{name}: {peak} bytes, {result:?}");
     }
+}
+
+/// A picture of many pixels in few bytes.
+fn deep_picture() -> Vec<u8> {
+    png(4000, png::ColorType::Grayscale, png::BitDepth::Sixteen, &vec![0; 4000 * 4000 * 2])
 }
 
 /// Files that declare far more than they hold.
@@ -117,12 +136,16 @@ fn lying_rasters() -> Vec<(&'static str, Vec<u8>)> {
     // Headers that promise the largest cell, over the records of a small one.
     let mut cell = Dted { nx: 9999, ny: 9999, ..Dted::default() }.encode(|_, _| Some(1));
     cell.truncate(MIB);
+    let mut cut = deep_picture();
+    cut.truncate(cut.len() / 2);
     let of = |codec, samples| Tiff { codec, samples, ..base() };
     let mut all = vec![
         ("grid.asc", header(1 << 30).into_bytes()),
         ("grid.asc", header(u64::MAX).into_bytes()),
         ("grid.asc", [&b"ncols 3 "[..], &[b'7'; MIB]].concat()),
         ("cell.dt2", cell),
+        ("cut.png", cut),
+        ("far.dem", Usgs::default().encode(&[(0, vec![1]), (900_000, vec![2])])),
         ("wide.tif", grown(base(), 1 << 30, 4)),
         ("tile.tif", grown(huge_tile.clone(), 1 << 14, 1 << 14)),
         ("tile.tif", grown(huge_tile, u32::MAX - 15, u32::MAX - 15)),

@@ -1,6 +1,9 @@
 //! `sightline ingest`: elevation files into a database.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use serde_json::json;
 
@@ -16,12 +19,25 @@ const SOURCES_NAMED: usize = 1000;
 /// Turn elevation files into a terrain database.
 #[derive(clap::Args, Debug)]
 pub(super) struct Args {
-    /// An elevation file, or several adjoining SRTM tiles.
+    /// An elevation file, or several on one lattice of posts.
+    ///
+    /// Read are SRTM .hgt (also zipped or gzipped), GeoTIFF and COG, DTED levels 0 to 2, Esri ASCII grids, raw rasters
+    /// with a header (BIL, BIP, BSQ, FLT, ENVI), USGS ASCII DEM, and PNG (16-bit grey, Terrarium, Mapbox Terrain-RGB).
+    /// Several files must have one spacing and adjoin or overlap: where two know a post, the south-western one wins, and
+    /// a known post beats one without data.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The database to write.
-    #[arg(short, value_name = "DB")]
-    output: PathBuf,
+    #[arg(short, value_name = "DB", required_unless_present = "check")]
+    output: Option<PathBuf>,
+    /// Write nothing; report spikes, suspicious values and how far tiles disagree. Exit status 1 if there are any.
+    ///
+    /// A spike is a post that lies above (or below) all its neighbours, at least 5 of them known, by more than 50 m and
+    /// more than twice the difference between the highest and the lowest of them. Suspicious values are those below
+    /// -11,000 m or above 9,000 m, and -9999; suspicious seams are those where tiles differ by more than 16 m. None is
+    /// ever changed.
+    #[arg(long, conflicts_with = "output")]
+    check: bool,
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
@@ -37,6 +53,29 @@ pub(super) struct Args {
     /// The horizontal reference system, in place of the file's own.
     #[arg(long, value_name = "EPSG:N", value_parser = parse_epsg)]
     crs: Option<u32>,
+    /// How a PNG holds heights, in place of what its path says ("terrarium", "mapbox" or "terrain-rgb" in its name).
+    #[arg(long, value_enum, value_name = "KIND")]
+    png: Option<Png>,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Png {
+    /// R * 256 + G + B / 256 - 32768 metres.
+    Terrarium,
+    /// -10000 + (R * 65536 + G * 256 + B) / 10 metres.
+    Mapbox,
+    /// 16-bit grey samples in metres.
+    Gray16,
+}
+
+impl From<Png> for dem::PngHeights {
+    fn from(png: Png) -> Self {
+        match png {
+            Png::Terrarium => Self::Terrarium,
+            Png::Mapbox => Self::Mapbox,
+            Png::Gray16 => Self::Gray16,
+        }
+    }
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -56,12 +95,14 @@ fn parse_epsg(text: &str) -> Result<u32, String> {
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let started = Instant::now();
-        super::args::refuse_existing(&self.output, self.force)?;
+        if let Some(output) = &self.output {
+            super::args::refuse_existing(output, self.force)?;
+        }
         if let Some(missing) = self.inputs.iter().find(|path| !path.exists()) {
             return Err(Failure::input(missing.display(), "no such file"));
         }
         let mut scan = Progress::new(context, "bytes");
-        let dem_options = dem::OpenOptions { nodata: self.nodata, epsg: self.crs };
+        let dem_options = dem::OpenOptions { nodata: self.nodata, epsg: self.crs, png: self.png.map(Into::into) };
         let mut raster = dem::open(&self.inputs, &dem_options, &mut |p| scan.tell("scanning", p.done, p.total))
             .map_err(dem_failure)?;
         scan.finish();
@@ -70,6 +111,7 @@ impl Args {
             eprintln!("{} x {} posts, {}", info.nx, info.ny, info.format);
             info.notes.iter().for_each(|note| eprintln!("note: {note}"));
         }
+        let Some(output) = &self.output else { return super::check::run(&mut *raster, context) };
         let options = IngestOptions {
             unit_m: self.unit,
             voids: match self.void {
@@ -80,7 +122,7 @@ impl Args {
             sources: names(&self.inputs),
         };
         let mut progress = Progress::new(context, "posts");
-        let done = database::ingest(&mut *raster, &self.output, &options, &mut |p| match p.stage {
+        let done = database::ingest(&mut *raster, output, &options, &mut |p| match p.stage {
             Stage::Reading => progress.tell("reading", p.done, p.total),
             Stage::Filling => progress.tell("filling voids", 0, 0),
             Stage::Measuring => progress.tell("measuring", p.done, p.total),
@@ -88,53 +130,61 @@ impl Args {
             Stage::Writing => progress.tell("writing", p.done, p.total),
         });
         progress.finish();
-        self.report(context, &done.map_err(failure)?, started.elapsed().as_secs_f64());
+        report(context, output, &done.map_err(failure)?, started.elapsed().as_secs_f64());
         Ok(())
     }
+}
 
-    fn report(&self, context: &Context, done: &Ingested, seconds: f64) {
-        let bytes_per_post = done.written.file_bytes as f64 / done.posts as f64;
-        if context.json {
-            let seams = done.seams.map(|s| {
-                json!({
-                    "tiles": s.tiles, "missing_tiles": s.missing_tiles, "compared_posts": s.compared_posts,
-                    "differing_posts": s.differing_posts, "largest_difference_m": s.largest_difference_m,
-                    "filled_posts": s.filled_posts,
-                })
-            });
-            let document = json!({
-                "database": self.output, "version": hex(&done.written.version), "posts": done.posts,
-                "void_posts": done.void_posts, "unit_m": done.unit_m, "bytes": done.written.file_bytes,
-                "bytes_per_post": bytes_per_post, "seconds": seconds, "seams": seams,
-            });
-            println!("{document:#}");
-            return;
-        }
-        if let Some(s) = done.seams {
-            println!(
-                "{} tiles: {} of {} shared posts differ, by at most {} m (the south-western tile won); {} void in one \
-                 tile were known in another",
-                s.tiles, s.differing_posts, s.compared_posts, s.largest_difference_m, s.filled_posts
-            );
-            if s.missing_tiles > 0 {
-                println!("{} tiles of the rectangle are missing: void", s.missing_tiles);
-            }
-        }
-        if done.void_posts > 0 {
-            let share = 100.0 * done.void_posts as f64 / done.posts as f64;
-            println!(
-                "{} posts are void ({share:.2} %): filled for drawing, unknown to lines of sight",
-                done.void_posts
-            );
-        }
-        println!(
-            "{}: {} posts in units of {} m, {} bytes ({bytes_per_post:.3} a post), version {}, {seconds:.1} s",
-            self.output.display(),
-            done.posts,
-            done.unit_m,
-            done.written.file_bytes,
-            hex(&done.written.version)
-        );
+fn report(context: &Context, output: &Path, done: &Ingested, seconds: f64) {
+    let bytes_per_post = done.written.file_bytes as f64 / done.posts as f64;
+    if context.json {
+        let seams = done.seams.map(seams_json);
+        let document = json!({
+            "database": output, "version": hex(&done.written.version), "posts": done.posts,
+            "void_posts": done.void_posts, "unit_m": done.unit_m, "bytes": done.written.file_bytes,
+            "bytes_per_post": bytes_per_post, "seconds": seconds, "seams": seams,
+        });
+        println!("{document:#}");
+        return;
+    }
+    if let Some(seams) = done.seams {
+        tell_seams(&seams);
+    }
+    if done.void_posts > 0 {
+        let share = 100.0 * done.void_posts as f64 / done.posts as f64;
+        println!("{} posts are void ({share:.2} %): filled for drawing, unknown to lines of sight", done.void_posts);
+    }
+    println!(
+        "{}: {} posts in units of {} m, {} bytes ({bytes_per_post:.3} a post), version {}, {seconds:.1} s",
+        output.display(),
+        done.posts,
+        done.unit_m,
+        done.written.file_bytes,
+        hex(&done.written.version)
+    );
+}
+
+/// What the overlaps of a mosaic showed, as JSON.
+pub(super) fn seams_json(s: dem::SeamReport) -> serde_json::Value {
+    json!({
+        "tiles": s.tiles, "missing_tiles": s.missing_tiles, "compared_posts": s.compared_posts,
+        "differing_posts": s.differing_posts, "largest_difference_m": s.largest_difference_m,
+        "filled_posts": s.filled_posts, "uncovered_posts": s.uncovered_posts,
+    })
+}
+
+/// What the overlaps of a mosaic showed, in words.
+pub(super) fn tell_seams(s: &dem::SeamReport) {
+    println!(
+        "{} tiles: {} of {} shared posts differ, by at most {} m (the south-western tile won); {} void in one tile were \
+         known in another",
+        s.tiles, s.differing_posts, s.compared_posts, s.largest_difference_m, s.filled_posts
+    );
+    if s.missing_tiles > 0 {
+        println!("{} tiles of the rectangle are missing", s.missing_tiles);
+    }
+    if s.uncovered_posts > 0 {
+        println!("{} posts of the rectangle are in no tile: void", s.uncovered_posts);
     }
 }
 
@@ -148,7 +198,7 @@ fn names(inputs: &[PathBuf]) -> Vec<String> {
     names
 }
 
-fn dem_failure(error: dem::DemError) -> Failure {
+pub(super) fn dem_failure(error: dem::DemError) -> Failure {
     match error {
         dem::DemError::Io { .. } => Failure::Environment(error.to_string()),
         dem::DemError::NoInput => Failure::Usage(error.to_string()),

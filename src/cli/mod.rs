@@ -5,6 +5,7 @@
 //! 4 environment. A BLOCKED verdict is 0.
 
 pub mod args;
+mod check;
 mod consistency;
 mod demo;
 mod generator;

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The formats that [`super::open`] reads, for messages.
-pub(super) const SUPPORTED: &str =
-    "SRTM .hgt (also .hgt.zip and .hgt.gz), GeoTIFF (.tif, .tiff), DTED (.dt0, .dt1, .dt2) and Esri ASCII grid (.asc)";
+pub(super) const SUPPORTED: &str = "SRTM .hgt (also .hgt.zip and .hgt.gz), GeoTIFF (.tif, .tiff), DTED (.dt0, .dt1, .dt2), Esri ASCII \
+     grid (.asc), raw rasters with a header (.bil, .bip, .bsq, .flt, ENVI), USGS ASCII DEM (.dem) and PNG (16-bit grey, \
+     Terrarium, Mapbox Terrain-RGB)";
 
 /// Why an elevation file could not be read.
 #[derive(Clone, PartialEq, Debug, Error)]

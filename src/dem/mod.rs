@@ -1,4 +1,5 @@
-//! Readers of elevation files: SRTM `.hgt`, GeoTIFF, DTED and Esri ASCII grids. Files in, rasters out, nothing else.
+//! Readers of elevation files: SRTM `.hgt`, GeoTIFF, DTED, Esri ASCII grids, raw rasters with a
+//! header (BIL, FLT, ENVI), USGS ASCII DEM and PNG. Files in, rasters out, nothing else.
 //!
 //! [`open`] looks at the files, refuses what is not well formed, and gives a [`Raster`]: posts in the order of the
 //! grid frame (south row first), heights in metres as f64, NaN where there is no data. Rows are read on demand, so
@@ -8,6 +9,7 @@
 //! anything is allocated for them.
 
 mod ascii;
+pub mod check;
 mod crs;
 mod dted;
 mod error;
@@ -16,14 +18,18 @@ mod hgt;
 mod join;
 mod mosaic;
 mod nodata;
+mod picture;
 mod prj;
 mod raster;
+mod raw;
+mod sample;
 mod sniff;
+mod usgs;
 
 use std::path::{Path, PathBuf};
 
 pub use error::DemError;
-pub use raster::{FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, Progress, Raster, RasterInfo, SeamReport};
+pub use raster::{FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, PngHeights, Progress, Raster, RasterInfo, SeamReport};
 
 use sniff::Format;
 
@@ -70,5 +76,8 @@ fn open_single(
         Format::Ascii => Box::new(ascii::AsciiGrid::open(path, options, progress)?),
         Format::Tiff => Box::new(geotiff::GeoTiff::open(path, options)?),
         Format::Dted => Box::new(dted::Dted::open(path, options)?),
+        Format::Raw => Box::new(raw::RawRaster::open(path, options)?),
+        Format::Usgs => Box::new(usgs::UsgsDem::open(path, options, progress)?),
+        Format::Png => Box::new(picture::Picture::open(path, options)?),
     })
 }

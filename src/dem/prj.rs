@@ -1,4 +1,4 @@
-//! The `.prj` file beside an Esri ASCII grid: what its well-known text says simply, and no more.
+//! The `.prj` file beside an Esri grid, or the same text in an ENVI header: what its well-known text says simply, and no more.
 //!
 //! Recognised: whether coordinates are geographic or projected; an EPSG code that the text states for the whole
 //! system; WGS 84, NAD83 and ETRS89 in degrees; UTM on WGS 84. Everything else keeps its name as a note. Projected
@@ -26,10 +26,15 @@ pub(super) fn read(grid: &Path, georeference: &mut Georeference, notes: &mut Vec
     let file = std::fs::File::open(path).map_err(|e| DemError::io(path, &e))?;
     file.take(MAX_BYTES).read_to_end(&mut text).map_err(|e| DemError::io(path, &e))?;
     let text = String::from_utf8_lossy(&text);
-    let system = parse(&text).map_err(|detail| DemError::refused(path, detail))?;
+    apply(&text, georeference, notes).map_err(|detail| DemError::refused(path, detail))
+}
+
+/// Puts what a well-known text says into `georeference`; an error says why it cannot be.
+pub(super) fn apply(text: &str, georeference: &mut Georeference, notes: &mut Vec<String>) -> Result<(), String> {
+    let system = parse(text)?;
     (georeference.epsg, georeference.geographic) = (system.epsg, system.geographic);
     if let Some(name) = system.name {
-        notes.push(format!("reference system of the .prj file: {name}"));
+        notes.push(format!("reference system by its well-known text: {name}"));
     }
     Ok(())
 }

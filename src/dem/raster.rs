@@ -20,6 +20,19 @@ pub struct OpenOptions {
     pub nodata: Option<f64>,
     /// EPSG code of the horizontal reference system, in place of the file's own.
     pub epsg: Option<u32>,
+    /// How PNG pictures hold heights, in place of what their path says.
+    pub png: Option<PngHeights>,
+}
+
+/// How a PNG picture holds heights.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum PngHeights {
+    /// 16-bit grey samples, in metres.
+    Gray16,
+    /// Terrarium: red and green and blue are whole and 256ths of metres above -32,768 m.
+    Terrarium,
+    /// Mapbox Terrain-RGB: red, green and blue are tenths of metres above -10,000 m.
+    Mapbox,
 }
 
 /// How far a long scan has come.

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::DemError;
 use super::hgt::{self, Packing};
+use super::{DemError, raw};
 
 /// Bytes looked at.
 const HEAD_BYTES: u64 = 512;
@@ -21,6 +21,12 @@ pub(super) enum Format {
     Ascii,
     /// DTED cell.
     Dted,
+    /// Raw samples beside a header.
+    Raw,
+    /// USGS ASCII DEM.
+    Usgs,
+    /// PNG picture.
+    Png,
 }
 
 /// Tells the format of `path`, or why it has none.
@@ -43,14 +49,22 @@ pub(super) fn format_of(path: &Path) -> Result<Format, DemError> {
     if extension == "hgt" && hgt::side_of(metadata.len()).is_some() {
         return Ok(Format::Hgt(Packing::Raw));
     }
+    // Nor has a raw raster, but its header is beside it.
+    let has_header = raw::beside(path).is_some();
+    if has_header && ["bil", "bip", "bsq", "flt"].contains(&extension.as_str()) {
+        return Ok(Format::Raw);
+    }
     by_content(&head)
         .unwrap_or_else(|| match extension.as_str() {
             "hgt" => Ok(Format::Hgt(Packing::Raw)),
             "asc" => Ok(Format::Ascii),
             "dt0" | "dt1" | "dt2" => Ok(Format::Dted),
             "tif" | "tiff" => Err("a file named .tif without TIFF's first bytes".to_owned()),
-            "bil" | "bip" | "bsq" | "hdr" => Err("a raw raster with a header file".to_owned()),
-            "dem" => Err("a USGS ASCII DEM or another .dem file".to_owned()),
+            "hdr" => Err("the header file of a raw raster (name the raster itself)".to_owned()),
+            _ if has_header => Ok(Format::Raw),
+            "bil" | "bip" | "bsq" | "flt" => Err("a raw raster without its header file (.hdr)".to_owned()),
+            "dem" if is_text(&head) => Ok(Format::Usgs),
+            "dem" => Err("a .dem file that is no USGS ASCII DEM and has no header file".to_owned()),
             "" => Err("a file of unknown content without an extension".to_owned()),
             other => Err(format!("a file of unknown content named .{other}")),
         })
@@ -64,7 +78,8 @@ fn by_content(head: &[u8]) -> Option<Result<Format, String>> {
         [b'I', b'I', 42 | 43, 0, ..] | [b'M', b'M', 0, 42 | 43, ..] => Some(Ok(Format::Tiff)),
         [b'P', b'K', 3, 4, ..] | [b'P', b'K', 5, 6, ..] => Some(Ok(Format::Hgt(Packing::Zip))),
         [0x1f, 0x8b, ..] => Some(Ok(Format::Hgt(Packing::Gzip))),
-        [0x89, b'P', b'N', b'G', ..] => other("a PNG picture"),
+        [0x89, b'P', b'N', b'G', ..] => Some(Ok(Format::Png)),
+        [b'E', b'H', b'F', b'A', ..] => other("an Erdas Imagine file"),
         [0xff, 0xd8, 0xff, ..] => other("a JPEG picture"),
         [b'U', b'H', b'L', b'1', ..] | [b'V', b'O', b'L', b'1', ..] | [b'H', b'D', b'R', b'1', ..] => {
             Some(Ok(Format::Dted))
@@ -79,4 +94,8 @@ fn by_content(head: &[u8]) -> Option<Result<Format, String>> {
             keyword.then_some(Ok(Format::Ascii))
         }
     }
+}
+
+fn is_text(head: &[u8]) -> bool {
+    head.iter().all(|c| matches!(c, b' '..=b'~' | b'\t' | b'\r' | b'\n'))
 }

@@ -412,3 +412,78 @@ impl Tiff {
         tags.into_iter().map(|(code, (kind, count, bytes))| (code, kind, count, bytes)).collect()
     }
 }
+
+/// A USGS ASCII DEM to be: metres of UTM zone 10 or arc-seconds, and profiles of (row of the first sample, samples).
+#[derive(Clone, Debug)]
+pub(crate) struct Usgs {
+    pub(crate) geographic: bool,
+    pub(crate) feet: bool,
+    pub(crate) resolution: [f64; 3],
+    pub(crate) origin: [f64; 2],
+    pub(crate) datum: &'static str,
+    pub(crate) profile_datum: f64,
+}
+
+impl Default for Usgs {
+    fn default() -> Self {
+        let (resolution, origin) = ([30.0, 30.0, 1.0], [557_820.0, 5_108_100.0]);
+        Self { geographic: false, feet: false, resolution, origin, datum: " 2 1", profile_datum: 0.0 }
+    }
+}
+
+/// A number as Fortran writes it in 24 columns.
+fn d24(value: f64) -> String {
+    let text = format!("{value:.15e}");
+    let (digits, exponent) = text.split_once('e').unwrap();
+    let exponent: i32 = exponent.parse().unwrap();
+    format!("{:>24}", format!("{digits}D{exponent:+03}"))
+}
+
+impl Usgs {
+    /// The records, 1024 bytes each but for blanks at their ends.
+    pub(crate) fn records(&self, profiles: &[(usize, Vec<i32>)]) -> Vec<String> {
+        let mut a = format!("{:1024}", "A SMALL QUADRANGLE");
+        let mut set = |at: usize, text: &str| a.replace_range(at..at + text.len(), text);
+        let codes = [1, 1, i32::from(!self.geographic), if self.geographic { 0 } else { 10 }];
+        set(144, &codes.map(|c| format!("{c:6}")).concat());
+        let units = [if self.geographic { 3 } else { 2 }, if self.feet { 1 } else { 2 }, 4];
+        set(528, &units.map(|c| format!("{c:6}")).concat());
+        set(786, &d24(0.0));
+        let [x, y, z] = self.resolution.map(|r| format!("{r:12.6}"));
+        set(816, &format!("{x}{y}{z}{:6}{:6}", 1, profiles.len()));
+        set(888, self.datum);
+        let mut records = vec![a];
+        for (column, (south, samples)) in profiles.iter().enumerate() {
+            let x = self.origin[0] + column as f64 * self.resolution[0];
+            let y = self.origin[1] + *south as f64 * self.resolution[1];
+            let head = [1, column + 1, samples.len(), 1].map(|n| format!("{n:6}")).concat();
+            let numbers = [x, y, self.profile_datum, 0.0, 0.0].map(d24).concat();
+            let words: Vec<_> = samples.iter().map(|z| format!("{z:6}")).collect();
+            let first = words.len().min(146);
+            records.push(format!("{head}{numbers}{}", words[..first].concat()));
+            records.extend(words[first..].chunks(170).map(|more| more.concat()));
+        }
+        records
+    }
+
+    /// The file, in records of 1024 bytes without line ends.
+    pub(crate) fn encode(&self, profiles: &[(usize, Vec<i32>)]) -> Vec<u8> {
+        self.records(profiles).iter().flat_map(|r| format!("{r:1024}").into_bytes()).collect()
+    }
+
+    /// The file, a line a record, without blanks at line ends.
+    pub(crate) fn encode_lines(&self, profiles: &[(usize, Vec<i32>)]) -> Vec<u8> {
+        self.records(profiles).iter().flat_map(|r| format!("{}\r\n", r.trim_end()).into_bytes()).collect()
+    }
+}
+
+/// A PNG of `width` pixels a row.
+pub(crate) fn png(width: usize, color: png::ColorType, depth: png::BitDepth, rows: &[u8]) -> Vec<u8> {
+    let pixel = color.samples() * if depth == png::BitDepth::Sixteen { 2 } else { 1 };
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, (rows.len() / pixel / width) as u32);
+    encoder.set_color(color);
+    encoder.set_depth(depth);
+    encoder.write_header().unwrap().write_image_data(rows).unwrap();
+    bytes
+}

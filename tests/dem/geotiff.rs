@@ -153,7 +153,7 @@ fn void_is_what_the_file_declares_or_the_user_says() {
         read(&mut *raster).map(|h| h.iter().filter(|h| h.is_nan()).count())
     };
     let plain = OpenOptions::default();
-    let said = OpenOptions { nodata: Some(-5.0), epsg: None };
+    let said = OpenOptions { nodata: Some(-5.0), ..OpenOptions::default() };
     let lowest = f64::from(f32::MIN);
     assert_eq!(voids(Samples::I16, Some("-9999"), -9999.0, &plain), Ok(1));
     assert_eq!(voids(Samples::I16, Some("32767"), 32_767.0, &plain), Ok(1));
@@ -195,7 +195,7 @@ fn blocks_that_are_not_stored_are_void() {
 fn the_users_reference_system_replaces_the_files() {
     let folder = Folder::new();
     let path = folder.put("sample.tif", Tiff::default().encode(height));
-    let options = OpenOptions { nodata: None, epsg: Some(32_619) };
+    let options = OpenOptions { epsg: Some(32_619), ..OpenOptions::default() };
     let raster = dem::open(&[path], &options, &mut |_| ()).unwrap();
     assert_eq!((raster.info().georeference.epsg, raster.info().georeference.geographic), (Some(32_619), false));
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use sightline::dem::{DemError, MAX_HEIGHT_M};
 
 use crate::encoders::{gz, hgt, zip};
-use crate::samples::{asc, dted, for_each_mutation, tiffs};
+use crate::samples::{asc, dted, for_each_mutation, pngs, raws, tiffs, usgs};
 use crate::{Folder, open};
 
 /// Panics on any thread since the first sample was tried; the reader's own net must stay empty.
@@ -76,6 +76,33 @@ fn every_mutation_of_a_dted_cell_is_an_error_or_a_raster() {
 }
 
 #[test]
+fn every_mutation_of_a_usgs_dem_is_an_error_or_a_raster() {
+    survive(&Folder::new(), "quad.dem", &usgs(), 64);
+}
+
+#[test]
+fn every_mutation_of_a_picture_is_an_error_or_a_raster() {
+    let folder = Folder::new();
+    for (name, sample) in pngs() {
+        survive(&folder, name, &sample, 64);
+    }
+}
+
+#[test]
+fn every_mutation_of_a_raw_raster_or_its_header_is_an_error_or_a_raster() {
+    for ([header, raster], [text, samples]) in raws() {
+        let folder = Folder::new();
+        folder.put(header, &text);
+        survive(&folder, raster, &samples, 64);
+        let path = folder.put(raster, &samples);
+        for_each_mutation(&text, |content, what| {
+            folder.put(header, content);
+            without_panics(&format!("{raster}: header {what}"), || drop(try_read(&path, 64)));
+        });
+    }
+}
+
+#[test]
 fn mutations_of_a_packed_tile_are_errors_or_tiles() {
     let folder = Folder::new();
     let tile = hgt(1201, |_, _| 100);
@@ -116,6 +143,9 @@ fn files_of_other_kinds_are_told_by_name() {
     for name in ["a.png", "N44W072.hgt", "a.tif", "a.asc", "a"] {
         assert!(error(name, png).contains("PNG"), "{name}");
     }
+    assert!(error("a.dem", &[0; 2000]).contains("no USGS ASCII DEM"));
+    assert!(error("a.hdr", b"ENVI").contains("name the raster itself"));
+    std::fs::remove_file(folder.0.path().join("a.hdr")).unwrap();
     assert!(error("a.tif", b"not a tiff at all").contains("without TIFF's first bytes"));
     assert!(error("a.xyz", b"UHL1 and so on").contains("DTED"));
     assert!(error("a.bil", &[0; 100]).contains("header file"));

@@ -2,14 +2,18 @@
 //! files where the folder with them is named.
 
 mod ascii;
+mod check;
 mod dted;
 mod encoders;
 mod geotiff;
 mod hgt;
 mod hostile;
 mod join;
+mod picture;
+mod raw;
 mod real;
 mod samples;
+mod usgs;
 
 use std::path::{Path, PathBuf};
 

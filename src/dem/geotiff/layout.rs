@@ -5,8 +5,7 @@ use std::path::Path;
 use tiff_reader::Ifd;
 
 use crate::dem::DemError;
-
-use super::sample::Sample;
+use crate::dem::sample::Sample;
 
 /// Most bytes of a decoded band of blocks from west to east.
 pub(super) const MAX_BAND_BYTES: usize = 1 << 30;

@@ -13,7 +13,6 @@
 
 mod layout;
 mod place;
-mod sample;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -22,9 +21,9 @@ use geotiff_reader::{GeoTiffFile, GeoTiffOpenOptions};
 use tiff_reader::{Ifd, ParseBudgets, TiffFile};
 
 use super::nodata::{self, Nodata};
+use super::sample::Sample;
 use super::{DemError, FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, Raster, RasterInfo, crs};
 use layout::Layout;
-use sample::Sample;
 
 /// The format's name in messages.
 const FORMAT: &str = "GeoTIFF";
