@@ -258,8 +258,12 @@ impl Generator {
     /// Takes one message of the view; gives the pose of the frame that it brought.
     async fn take_one(&mut self, tell: &mut dyn FnMut(Record) -> Result<(), Failure>) -> Result<Option<u64>, Failure> {
         let event = next(&mut self.view).await?;
+        let mut sequence = 0;
         if let Some(bytes) = self.view.last_bytes() {
             self.flown.bytes += bytes.len() as u64;
+            if matches!(event, Event::Lost(_)) {
+                sequence = frame_sequence(&bytes);
+            }
             if let Some(shadow) = &mut self.shadow {
                 shadow.take(&bytes, self.lines, tell)?;
             }
@@ -278,7 +282,7 @@ impl Generator {
             }
             Event::Lost(error) => {
                 self.flown.refused += 1;
-                tell(refusal(&error))?;
+                tell(refusal(sequence, &error))?;
                 Ok(None)
             }
             Event::Exercise(_) | Event::Skipped => Ok(None),
@@ -348,9 +352,17 @@ impl Shadow {
     }
 }
 
-fn refusal(error: &SceneError) -> Record {
+/// The number of the frame that a message carries; 0 for any other message.
+fn frame_sequence(bytes: &[u8]) -> u64 {
+    match v1::StreamSceneResponse::decode(bytes).ok().and_then(|message| message.response) {
+        Some(v1::stream_scene_response::Response::Frame(frame)) => frame.sequence,
+        _ => 0,
+    }
+}
+
+fn refusal(sequence: u64, error: &SceneError) -> Record {
     let hash = matches!(error, SceneError::Frame(ApplyError::Hash { .. }));
-    Record::Refused { sequence: 0, hash, detail: error.to_string() }
+    Record::Refused { sequence, hash, detail: error.to_string() }
 }
 
 async fn next(view: &mut View) -> Result<Event, Failure> {
