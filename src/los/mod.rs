@@ -11,10 +11,14 @@
 //!
 //! Which points obstruct, how deep and how near ([`witnesses`], [`derive`]) is told by [`profile`].
 //!
+//! A [`Pyramid`] of block bounds lets [`Lines`] pass over what is clear of them, and changes no answer.
+//!
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
 pub mod naive;
 mod profile;
+mod pyramid;
+mod skip;
 mod surface;
 mod sweep;
 #[cfg(test)]
@@ -22,12 +26,14 @@ mod tests;
 mod walk;
 
 pub use profile::{Derived, MAX_WITNESSES, Place, Witness, derive, witnesses};
+pub use pyramid::Pyramid;
 pub use surface::{on_ground, surface_height};
 
 use rayon::prelude::*;
 use sightline_proto::predicates::{Exact, Kernel};
 use thiserror::Error;
 
+use self::walk::Walk;
 use crate::terrain::{HeightField, ReadError};
 
 /// The verdict on a line of sight, in the order in which verdicts of parts combine: the greatest wins.
@@ -108,25 +114,56 @@ where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    check_finite(a, ["ax", "ay", "az"])?;
-    check_finite(b, ["bx", "by", "bz"])?;
-    let met = walk::walk::<K, H>(field, a, b, options.strict)?;
-    let blocked = met.blocked || options.strict && met.contact;
-    let verdict = match (blocked, met.unknown) {
-        (true, _) => Verdict::Blocked,
-        (_, true) => Verdict::Unknown,
-        _ => Verdict::Visible,
-    };
-    Ok(Answer { verdict, grazes: verdict == Verdict::Visible && met.contact })
+    Lines::new(field, None).ask::<K>(a, b, options)
 }
 
+/// Asks one line after the other of one field, with the pages of the last ones at hand.
+pub struct Lines<'a, H: HeightField + ?Sized> {
+    walk: Walk<'a, H>,
+    pyramid: Option<&'a Pyramid>,
+}
+
+impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
+    /// Lines of `field`, passing over what its `pyramid` settles. Answers are the same with and without.
+    pub fn new(field: &'a H, pyramid: Option<&'a Pyramid>) -> Self {
+        Self { walk: Walk::new(field, [0.0; 3], [0.0; 3]), pyramid }
+    }
+
+    /// The line of sight from `a` to `b`, with the rungs of `K`.
+    pub fn ask<K: Kernel>(&mut self, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError> {
+        check_finite(a, ["ax", "ay", "az"])?;
+        check_finite(b, ["bx", "by", "bz"])?;
+        (self.walk.a, self.walk.b) = (a, b);
+        let met = walk::walk::<K, H>(&mut self.walk, self.pyramid, options.strict)?;
+        let blocked = met.blocked || options.strict && met.contact;
+        let verdict = match (blocked, met.unknown) {
+            (true, _) => Verdict::Blocked,
+            (_, true) => Verdict::Unknown,
+            _ => Verdict::Visible,
+        };
+        Ok(Answer { verdict, grazes: verdict == Verdict::Visible && met.contact })
+    }
+}
+
+/// Lines of a batch that one core takes together.
+const BATCH_SHARE: usize = 64;
+
 /// Many lines at once, over all cores, answers in the order of `lines`. The first error in that order wins.
-pub fn line_of_sight_batch<H>(field: &H, lines: &[[[f64; 3]; 2]], options: Options) -> Result<Vec<Answer>, LosError>
+pub fn line_of_sight_batch<H>(
+    field: &H,
+    pyramid: Option<&Pyramid>,
+    lines: &[[[f64; 3]; 2]],
+    options: Options,
+) -> Result<Vec<Answer>, LosError>
 where
     H: HeightField + ?Sized,
 {
-    let answers: Vec<_> = lines.par_iter().map(|&[a, b]| line_of_sight(field, a, b, options)).collect();
-    answers.into_iter().collect()
+    let shares = lines.par_chunks(BATCH_SHARE).map(|share| {
+        let mut asked = Lines::new(field, pyramid);
+        share.iter().map(|&[a, b]| asked.ask::<Exact>(a, b, options)).collect::<Result<Vec<_>, _>>()
+    });
+    let answers: Vec<_> = shares.collect();
+    Ok(answers.into_iter().collect::<Result<Vec<_>, _>>()?.concat())
 }
 
 fn check_finite(values: [f64; 3], names: [&'static str; 3]) -> Result<(), LosError> {

@@ -146,8 +146,8 @@ impl Family {
 /// The part of AB over the grid, as a range of its parameter that may be a little too wide.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
-    low: f64,
-    high: f64,
+    pub(super) low: f64,
+    pub(super) high: f64,
 }
 
 impl Span {
@@ -196,6 +196,9 @@ pub(super) struct Sweep {
     /// Bound of the error of [`Crossing::z`].
     pub(super) z_error: f64,
     reach: f64,
+    /// The parameter of the first crossing, and how many more there are in 1.
+    t_first: f64,
+    lines_per_t: f64,
     /// Bound of the error of [`Sweep::parameter`].
     pub(super) t_error: f64,
 }
@@ -238,11 +241,12 @@ impl Sweep {
             && z_slope.is_finite()
             && 24.0 * g_error <= reach.abs()
             && v_error < 0.125;
+        let (first, last, step) = if forward { (first, last, spacing) } else { (last, first, -spacing) };
         Self {
             family,
-            first: if forward { first } else { last },
-            step: if forward { spacing } else { -spacing },
-            count: if growing == Sign::Zero { 0 } else { ((last - first) / spacing + 1).max(0) },
+            first,
+            step,
+            count: if growing == Sign::Zero { 0 } else { ((last - first) / step + 1).max(0) },
             turn: family.turn().times(growing),
             trusted,
             g_a,
@@ -253,6 +257,8 @@ impl Sweep {
             v_error,
             z_error,
             reach,
+            t_first: (first as f64 - g_a) / reach,
+            lines_per_t: reach / step as f64,
             t_error: if trusted { 4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF } else { f64::INFINITY },
         }
     }
@@ -260,6 +266,15 @@ impl Sweep {
     /// The parameter t of AB at line `c`, within [`Sweep::t_error`].
     pub(super) fn parameter(&self, c: i64) -> f64 {
         (c as f64 - self.g_a) / self.reach
+    }
+
+    /// How many crossings have a parameter of at most `t`, or one that is greater or less by so little as
+    /// [`Sweep::t_error`] and eight roundings of 1. Grows with `t`.
+    #[inline]
+    pub(super) fn until(&self, t: f64) -> i64 {
+        // Casts of NaN give 0, of what is too large saturate.
+        let lines = (t - self.t_first) * self.lines_per_t;
+        if lines < 0.0 { 0 } else { (lines as i64).saturating_add(1).min(self.count) }
     }
 
     /// Line number of crossing `n`, below [`Sweep::count`].

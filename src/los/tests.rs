@@ -97,6 +97,12 @@ proptest! {
         let expected = naive::line_of_sight(&field, a, b, options).unwrap();
         prop_assert_eq!(line_of_sight(&field, a, b, options).unwrap(), expected);
         prop_assert_eq!(line_of_sight(&field, b, a, options).unwrap(), expected, "reversed");
+        for base in 0..4 {
+            let pyramid = Pyramid::with_base(&field, base).unwrap();
+            let mut lines = Lines::new(&field, Some(&pyramid));
+            prop_assert_eq!(lines.ask::<Exact>(a, b, options).unwrap(), expected, "blocks of 2^{} cells", base);
+            prop_assert_eq!(lines.ask::<Exact>(b, a, options).unwrap(), expected, "reversed, 2^{} cells", base);
+        }
     }
 
     #[test]
@@ -236,8 +242,56 @@ fn lines_over_pages_and_far_beyond_the_grid_are_the_naive_ones() {
         for field in [&field, &voids] {
             let expected = naive::line_of_sight(field, a, b, Options::default()).unwrap();
             assert_eq!(line_of_sight(field, a, b, Options::default()).unwrap(), expected, "{seed}: {a:?} {b:?}");
+            let pyramid = Pyramid::with_base(field, 2).unwrap();
+            let skipping = Lines::new(field, Some(&pyramid)).ask::<Exact>(a, b, Options::default()).unwrap();
+            assert_eq!(skipping, expected, "skipping, {seed}: {a:?} {b:?}");
         }
     }
+}
+
+/// A line over a terrain, of a kind that the number picks: any, whole ends, level on a lake, along a diagonal, in the
+/// plane of two triangles, an ulp beside each; from just above the ground to well above all of it.
+fn manufactured(n: u64, size: f64) -> [[f64; 3]; 2] {
+    let unit = |k: u64| (synthetic::mix(n * 16 + k) >> 11) as f64 / (1_u64 << 53) as f64;
+    let mut ends = [0, 4].map(|k| [size * unit(k), size * unit(k + 1), -40.0 + 90.0 * unit(k + 2)]);
+    if n.is_multiple_of(2) {
+        ends = ends.map(|p| p.map(f64::round));
+    }
+    match n / 2 % 6 {
+        0 => ends[1][2] = ends[0][2],
+        1 => ends[1][1] = ends[0][1] + (ends[1][0] - ends[0][0]),
+        2 => ends[1][0] = ends[0][0],
+        3 => ends[1][0] = ends[0][0].next_up(),
+        4 => ends = ends.map(|[x, y, z]| [x, y, z.floor().next_down()]),
+        _ => {}
+    }
+    ends
+}
+
+#[test]
+fn skipping_changes_no_answer() {
+    let rough = synthetic::fractal(300, 270, 5, 60).unwrap();
+    let holed = MemoryField::from_fn(300, 270, |i, j| {
+        let void = synthetic::mix(u64::from(i / 3 * 1000 + j / 2)).is_multiple_of(300);
+        (!void).then(|| f64::from(synthetic::fractal_height(i, j, 5, 60)))
+    })
+    .unwrap();
+    let lakes = MemoryField::from_fn(300, 270, |i, j| Some(f64::from(synthetic::fractal_height(i, j, 9, 60).max(3))));
+    let spikes = MemoryField::from_fn(300, 270, |i, j| Some(if (i * 31 + j * 17) % 997 == 0 { 30.0 } else { -30.0 }));
+    let mut counts = [0; 3];
+    for field in [rough, holed, lakes.unwrap(), spikes.unwrap()] {
+        let pyramid = Pyramid::build(&field).unwrap();
+        let mut walked = Lines::new(&field, None);
+        let mut skipping = Lines::new(&field, Some(&pyramid));
+        for n in 0..6000 {
+            let [a, b] = manufactured(n, 300.0);
+            let options = Options { strict: n.is_multiple_of(5) };
+            let expected = walked.ask::<Exact>(a, b, options).unwrap();
+            assert_eq!(skipping.ask::<Exact>(a, b, options).unwrap(), expected, "line {n}: {a:?} {b:?}");
+            counts[expected.verdict as usize] += 1;
+        }
+    }
+    assert!(counts.iter().all(|&count| count > 500), "{counts:?}");
 }
 
 #[test]
@@ -250,8 +304,10 @@ fn batches_keep_the_order() {
         })
         .collect();
     let alone: Vec<_> = lines.iter().map(|&[a, b]| line_of_sight(&field, a, b, Options::default()).unwrap()).collect();
-    assert_eq!(line_of_sight_batch(&field, &lines, Options::default()).unwrap(), alone);
-    assert_eq!(line_of_sight_batch(&field, &[], Options::default()).unwrap(), []);
+    assert_eq!(line_of_sight_batch(&field, None, &lines, Options::default()).unwrap(), alone);
+    let pyramid = Pyramid::build(&field).unwrap();
+    assert_eq!(line_of_sight_batch(&field, Some(&pyramid), &lines, Options::default()).unwrap(), alone);
+    assert_eq!(line_of_sight_batch(&field, None, &[], Options::default()).unwrap(), []);
 }
 
 #[test]

@@ -12,12 +12,16 @@
 //! to a post, by the post's height and its neighbours' within the same errors; otherwise by the predicates of the
 //! kernel, which find the edge by the orientations of its posts.
 
+use std::ops::Range;
+
 use sightline_proto::{
     diamond::Post,
     predicates::{Kernel, Sign, orient2d_with, orient3d_with, plan},
 };
 
 use super::{
+    pyramid::Pyramid,
+    skip,
     surface::Face,
     sweep::{Crossing, Family, ROUNDOFF, Span, Sweep},
 };
@@ -37,34 +41,40 @@ pub(super) struct Met {
     pub(super) contact: bool,
 }
 
-/// Walks AB until it is blocked (when `strict`, by contact too) or ends.
-pub(super) fn walk<K, H>(field: &H, a: [f64; 3], b: [f64; 3], strict: bool) -> Result<Met, ReadError>
+impl Met {
+    /// Whether nothing that follows can change the verdict.
+    #[inline]
+    fn decides(self, strict: bool) -> bool {
+        self.blocked || strict && self.contact
+    }
+}
+
+/// Walks AB until it is blocked (when `strict`, by contact too) or ends, passing over what the blocks settle.
+pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, pyramid: Option<&Pyramid>, strict: bool) -> Result<Met, ReadError>
 where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    let mut walk = Walk::new(field, a, b);
     let mut met = walk.ends::<K>()?;
+    if met.decides(strict) {
+        return Ok(met);
+    }
     let grid = walk.posts.grid();
-    let Some(span) = Span::new(grid, a, b) else { return Ok(met) };
-    let sweeps = Family::ALL.map(|family| Sweep::new(family, grid, span, a, b));
+    let Some(span) = Span::new(grid, walk.a, walk.b) else { return Ok(met) };
+    let sweeps = Family::ALL.map(|family| Sweep::new(family, grid, span, walk.a, walk.b));
+    if let Some(pyramid) = pyramid
+        && skip::walk::<K, H>(walk, pyramid, &sweeps, span, strict, &mut met)?
+    {
+        return Ok(met);
+    }
     let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
     let runs = (longest + RUN - 1) / RUN;
     for run in 0..runs {
         for sweep in &sweeps {
             // Lines of a family are equally far apart, so equal shares of crossings are equal stretches of AB.
-            for n in sweep.count * run / runs..sweep.count * (run + 1) / runs {
-                if met.blocked || strict && met.contact {
-                    return Ok(met);
-                }
-                match walk.cross::<K>(sweep, n)? {
-                    Found::Outside => {}
-                    Found::Unknown => met.unknown = true,
-                    Found::Known(sign) => {
-                        met.blocked |= sign == Sign::Negative;
-                        met.contact |= sign == Sign::Zero;
-                    }
-                }
+            let share = sweep.count * run / runs..sweep.count * (run + 1) / runs;
+            if !walk.take::<K>(sweep, share, strict, &mut met)? {
+                return Ok(met);
             }
         }
     }
@@ -92,6 +102,29 @@ pub(super) struct Walk<'a, H: HeightField + ?Sized> {
 impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
     pub(super) fn new(field: &'a H, a: [f64; 3], b: [f64; 3]) -> Self {
         Self { posts: Posts::new(field), a, b }
+    }
+
+    /// Decides crossings in a row; whether it is worth going on.
+    #[inline]
+    pub(super) fn take<K: Kernel>(
+        &mut self,
+        sweep: &Sweep,
+        crossings: Range<i64>,
+        strict: bool,
+        met: &mut Met,
+    ) -> Result<bool, ReadError> {
+        for n in crossings {
+            match self.cross::<K>(sweep, n)? {
+                Found::Known(Sign::Positive) | Found::Outside => continue,
+                Found::Known(Sign::Negative) => met.blocked = true,
+                Found::Known(Sign::Zero) => met.contact = true,
+                Found::Unknown => met.unknown = true,
+            }
+            if met.decides(strict) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// What the ends meet, and whether AB touches between them without crossing anything.
@@ -140,12 +173,12 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         if crossing.v < first as f64 - error || crossing.v > last as f64 + error {
             return Ok(Found::Outside);
         }
-        let floor = crossing.v.floor();
-        let fraction = crossing.v - floor;
+        // Rounds up only below 0, where the fraction is less than the error.
+        let v = crossing.v as i64;
+        let fraction = crossing.v - v as f64;
         if fraction <= error || 1.0 - fraction <= error {
             return self.cross_near_post::<K>(sweep, crossing, (first, last));
         }
-        let v = floor as i64;
         let (p, q) = self.pair(sweep.family.post(crossing.c, v), sweep.family.post(crossing.c, v + 1))?;
         if p.void || q.void {
             return Ok(Found::Unknown);
