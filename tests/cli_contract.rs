@@ -1,0 +1,113 @@
+//! The command line is one contract: this table and `--help` name the same verbs and the same options.
+
+use std::{
+    collections::BTreeSet,
+    process::{Command, Output},
+};
+
+/// Options of every verb.
+const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
+
+/// Each verb with its arguments and its own options.
+const VERBS: [(&str, &str, &[&str]); 9] = [
+    ("ingest", "<INPUT>...", &["--crs", "--force", "--nodata", "-o", "--unit", "--void"]),
+    ("info", "<DB>", &[]),
+    ("verify", "<DB>", &[]),
+    ("los", "<TARGET>", &["--altitude", "--batch", "--coords", "--force", "--from", "-o", "--strict", "--to"]),
+    (
+        "mesh",
+        "<DB>",
+        &[
+            "--error",
+            "--eye",
+            "--fidelity",
+            "--force",
+            "--fov",
+            "--lines",
+            "--look",
+            "-o",
+            "--pixels",
+            "--triangles",
+            "--viewport",
+        ],
+    ),
+    ("serve", "<DB>", &["--listen"]),
+    (
+        "view",
+        "<ADDR>",
+        &[
+            "--every",
+            "--exercise",
+            "--flight",
+            "--force",
+            "--fov",
+            "--frames",
+            "--record",
+            "--seed",
+            "--triangles",
+            "--viewport",
+            "-o",
+        ],
+    ),
+    (
+        "consistency",
+        "<TARGET>...",
+        &["--budgets", "--clients", "--fidelity", "--force", "--frames", "--map", "-o", "--seed", "--sight-lines"],
+    ),
+    ("demo", "", &["--exit", "--listen", "-o"]),
+];
+
+fn sightline(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
+}
+
+fn help(args: &[&str]) -> String {
+    let output = sightline(args);
+    assert!(output.status.success(), "{args:?}");
+    String::from_utf8(output.stdout).expect("help is UTF-8")
+}
+
+/// The options that a help text lists, each by its long name if it has one.
+fn options(help: &str) -> BTreeSet<String> {
+    let name = |line: &str| {
+        let mut words = line.split_whitespace().filter(|word| word.starts_with('-'));
+        let first = line.trim_start().starts_with('-').then(|| words.next()).flatten()?;
+        let name = if first.ends_with(',') { words.next()? } else { first };
+        Some(name.to_owned())
+    };
+    help.lines().filter_map(name).collect()
+}
+
+#[test]
+fn help_names_the_verbs_of_the_contract() {
+    let text = help(&["--help"]);
+    let listed: BTreeSet<_> = text
+        .lines()
+        .skip_while(|line| !line.starts_with("Commands:"))
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|verb| *verb != "help")
+        .collect();
+    assert_eq!(listed, VERBS.iter().map(|(verb, ..)| *verb).collect());
+}
+
+#[test]
+fn help_of_each_verb_names_its_options_and_no_others() {
+    for (verb, arguments, own) in VERBS {
+        let text = help(&[verb, "--help"]);
+        let expected: BTreeSet<_> = own.iter().chain(&COMMON).map(|&o| o.to_owned()).collect();
+        assert_eq!(options(&text), expected, "{verb}");
+        let usage = text.lines().find(|line| line.starts_with("Usage:")).expect("help shows the usage");
+        assert!(usage.contains(&format!("sightline {verb}")) && usage.contains(arguments), "{usage}");
+    }
+}
+
+#[test]
+fn what_makes_no_sense_is_refused_with_status_2() {
+    for args in [&["fly-to-the-moon"][..], &["los"], &["ingest", "-o"], &["mesh", "--triangles", "many"]] {
+        let output = sightline(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{args:?}");
+    }
+}
