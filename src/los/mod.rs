@@ -30,7 +30,10 @@ pub use pyramid::Pyramid;
 pub use surface::{on_ground, surface_height};
 
 use rayon::prelude::*;
-use sightline_proto::predicates::{Exact, Kernel};
+use sightline_proto::{
+    predicates::{Exact, Kernel},
+    verdict::MeshVerdict,
+};
 use thiserror::Error;
 
 use self::walk::Walk;
@@ -54,6 +57,15 @@ impl Verdict {
             Self::Visible => "VISIBLE",
             Self::Unknown => "UNKNOWN",
             Self::Blocked => "BLOCKED",
+        }
+    }
+
+    /// What a mesh must show of it; `None` for UNKNOWN, which asks nothing of a mesh.
+    pub const fn on_mesh(self) -> Option<MeshVerdict> {
+        match self {
+            Self::Visible => Some(MeshVerdict::Visible),
+            Self::Unknown => None,
+            Self::Blocked => Some(MeshVerdict::Blocked),
         }
     }
 }

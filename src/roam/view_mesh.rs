@@ -31,8 +31,6 @@ pub struct MeshReport {
     pub removed: Vec<Post>,
     /// Ids of the lines that do not hold on this mesh, ascending: exactly those.
     pub unsatisfied: Vec<u64>,
-    /// Whether the eye is not below the mesh; always true for an eye below the drawn finest surface or beyond the grid.
-    pub eye_clear: bool,
     /// Triangles of the posts that the lines require and that the plain mesh lacks.
     pub stolen: u32,
     /// What it took.
@@ -81,8 +79,8 @@ impl<T: Terrain> ViewMesh<T> {
         if !unchanged {
             self.made_for = None;
             let limits = Limits { camera, max, threshold };
-            let Outcome { unsatisfied, eye_clear, stolen } = self.refine(limits, lines)?;
-            (self.report.unsatisfied, self.report.eye_clear, self.report.stolen) = (unsatisfied, eye_clear, stolen);
+            let Outcome { unsatisfied, stolen } = self.refine(limits, lines)?;
+            (self.report.unsatisfied, self.report.stolen) = (unsatisfied, stolen);
             self.made_for = Some((*camera, target, lines.to_vec()));
         }
         self.report.triangles = u32::try_from(self.queue.triangles()).unwrap_or(u32::MAX);

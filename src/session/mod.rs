@@ -18,7 +18,6 @@ use sightline_proto::{
     diamond::Post,
     replica::{MeshError as ReplicaError, Replica, TerrainError},
     v1::{self, stream_scene_response::Response},
-    verdict::MeshVerdict,
 };
 use thiserror::Error;
 
@@ -27,7 +26,7 @@ pub use settings::{MAX_SUBSCRIBED_IDS, MAX_TRIANGLES, MIN_TRIANGLES, Pose, Setti
 
 use crate::{
     exercise::{EYE_LINE_ID, Exercise, LineState},
-    los::{self, LosError, Verdict},
+    los::{LosError, Verdict},
     roam::{Fidelity, MeshError, RequiredLine, Terrain, ViewMesh},
     terrain::{ReadError, SceneScale},
     view::Camera,
@@ -250,13 +249,7 @@ impl<T: Terrain> View<T> {
         let mut required: Vec<_> = self.lines().filter_map(required_line).collect();
         if self.wanted.settings.subscription != Subscription::None {
             let eye = self.scale.grid_from_scene(self.wanted.pose.eye_m).to_array();
-            let answer = los::line_of_sight(&*self.terrain, eye, eye, los::Options::default())?;
-            // Only an eye in the open asks for something: it must not be under its own mesh. It comes after all
-            // registered lines, so that it takes no triangles from them.
-            if answer.verdict == Verdict::Visible {
-                let (verdict, fidelity) = (Some(MeshVerdict::Visible), Fidelity::Verdict);
-                required.push(RequiredLine { id: EYE_LINE_ID, a: eye, b: eye, verdict, fidelity, priority: u32::MAX });
-            }
+            required.extend(RequiredLine::of_eye(&*self.terrain, EYE_LINE_ID, eye)?);
         }
         Ok(required)
     }
@@ -310,11 +303,7 @@ fn unsatisfied_line(id: u64) -> v1::UnsatisfiedLine {
 
 fn required_line(state: &LineState) -> Option<RequiredLine> {
     let [a, b] = state.resolved?;
-    let verdict = match state.verdict {
-        Verdict::Visible => Some(MeshVerdict::Visible),
-        Verdict::Blocked => Some(MeshVerdict::Blocked),
-        Verdict::Unknown => None,
-    };
+    let verdict = state.verdict.on_mesh();
     let (id, fidelity, priority) = (state.line.id, state.line.fidelity, state.line.priority);
     Some(RequiredLine { id, a, b, verdict, fidelity, priority })
 }

@@ -24,12 +24,10 @@ use crate::{
     database::Database,
     evaluate::flight,
     exercise::{Altitude, Frame, Place, Site},
-    los::{self, Options, Verdict},
+    los::{self, Options},
     roam::{Fidelity, MeshError, MeshReport, RequiredLine, Target, ViewMesh},
     view::{Camera, Projection},
 };
-
-use sightline_proto::verdict::MeshVerdict;
 
 /// Most triangles that a mesh may have which aims for an error: some 10 GB of memory.
 const MAX_TRIANGLES: u32 = 50_000_000;
@@ -225,11 +223,7 @@ impl Args {
             };
             let answer = los::line_of_sight(database, a, b, Options::default())
                 .map_err(|error| Failure::input(format!("{}: line {number}", path.display()), error))?;
-            let verdict = match answer.verdict {
-                Verdict::Visible => Some(MeshVerdict::Visible),
-                Verdict::Blocked => Some(MeshVerdict::Blocked),
-                Verdict::Unknown => None,
-            };
+            let verdict = answer.verdict.on_mesh();
             required.push(RequiredLine { id: number as u64, a, b, verdict, fidelity, priority: 0 });
         }
         Ok(required)
@@ -255,7 +249,7 @@ impl Args {
             let document = json!({
                 "output": self.output, "triangles": report.triangles, "drawn_triangles": surface.triangles(),
                 "vertices": surface.vertices(), "bound": report.bound_px, "bound_unit": unit,
-                "sight_lines": lines.len(), "stolen_triangles": report.stolen, "eye_clear": report.eye_clear,
+                "sight_lines": lines.len(), "stolen_triangles": report.stolen,
                 "unsatisfied_lines": report.unsatisfied,
             });
             println!("{document:#}");

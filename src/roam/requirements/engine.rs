@@ -11,11 +11,7 @@
 
 use std::sync::Arc;
 
-use sightline_proto::{
-    diamond::Post,
-    predicates::Sign,
-    verdict::{MeshVerdict, verdict_on_mesh},
-};
+use sightline_proto::{diamond::Post, predicates::Sign};
 
 use super::{
     RequiredLine,
@@ -54,8 +50,6 @@ pub(in crate::roam) struct Limits<'a> {
 pub(in crate::roam) struct Outcome {
     /// Ids of the lines that do not hold, ascending.
     pub(in crate::roam) unsatisfied: Vec<u64>,
-    /// Whether the eye, if it is above the finest surface, is not below the mesh.
-    pub(in crate::roam) eye_clear: bool,
     /// Triangles of the required posts that the plain mesh lacks.
     pub(in crate::roam) stolen: u32,
 }
@@ -73,11 +67,10 @@ pub(in crate::roam) struct Requirements {
     known: KeyMap<(RequiredLine, Known)>,
 }
 
-/// A line, or the eye, with its place in the procedure.
+/// A line with its place in the procedure.
 struct Entry {
     line: RequiredLine,
     rule: Rule,
-    is_eye: bool,
     holds: bool,
     dropped: bool,
     known: Known,
@@ -107,7 +100,7 @@ impl Requirements {
     ) -> Result<Outcome, ReadError> {
         let terrain = Arc::clone(queue.terrain());
         let ground = Ground::new(&*terrain);
-        let entries = self.entries(lines, eye_line(queue, &ground, limits.camera)?);
+        let entries = self.entries(lines);
         let required = Closure::new(ground.grid().root());
         let seen = queue.toggles().len();
         let mut run = Run { queue, ground: &ground, limits, required, told: 0, seen, entries };
@@ -118,43 +111,23 @@ impl Requirements {
         }
         debug_assert!(run.flags_are_true()?);
         let outcome = run.outcome(plain);
-        let kept = run.entries.into_iter().filter(|entry| !entry.is_eye);
-        self.known = kept.map(|entry| (entry.line.id, (entry.line, entry.known))).collect();
+        self.known = run.entries.into_iter().map(|entry| (entry.line.id, (entry.line, entry.known))).collect();
         Ok(outcome)
     }
 
-    /// The lines that ask for something, in order, with what is known of them; the eye comes last.
-    fn entries(&mut self, lines: &[RequiredLine], eye: Option<RequiredLine>) -> Vec<Entry> {
-        let mut lines: Vec<_> = lines.iter().map(|&line| (line, false)).collect();
-        lines.sort_by_key(|(line, _)| (line.priority, line.id));
-        lines.extend(eye.map(|line| (line, true)));
+    /// The lines that ask for something, in order, with what is known of them.
+    fn entries(&mut self, lines: &[RequiredLine]) -> Vec<Entry> {
+        let mut lines = lines.to_vec();
+        lines.sort_by_key(|line| (line.priority, line.id));
         let mut known = std::mem::take(&mut self.known);
-        let mut entry = |(line, is_eye): (RequiredLine, bool)| {
+        let mut entry = |line: RequiredLine| {
             let rule = Rule::of(&line)?;
-            let remembered = if is_eye { None } else { known.remove(&line.id) };
-            let known = remembered.filter(|(l, _)| *l == line).map_or(Known::default(), |(_, known)| known);
-            Some(Entry { line, rule, is_eye, holds: false, dropped: false, known })
+            let remembered = known.remove(&line.id).filter(|(l, _)| *l == line);
+            let known = remembered.map_or(Known::default(), |(_, known)| known);
+            Some(Entry { line, rule, holds: false, dropped: false, known })
         };
         lines.into_iter().filter_map(&mut entry).collect()
     }
-}
-
-/// The requirement that the eye be not below the mesh, if it is not below the drawn finest surface. It comes last: lines
-/// that others rely on are worth more.
-fn eye_line<T: Terrain>(
-    queue: &DualQueue<T>,
-    ground: &Ground<'_, T>,
-    camera: &Camera,
-) -> Result<Option<RequiredLine>, ReadError> {
-    let Some(eye) = camera.eye() else { return Ok(None) };
-    let eye = queue.scale().grid_from_scene(eye).to_array();
-    if !eye.iter().all(|v| v.is_finite()) {
-        return Ok(None);
-    }
-    let verdict = ground.checked(verdict_on_mesh(ground, eye, eye))?;
-    let fidelity = super::Fidelity::Verdict;
-    let line = RequiredLine { id: 0, a: eye, b: eye, verdict: Some(verdict), fidelity, priority: u32::MAX };
-    Ok((verdict == MeshVerdict::Visible).then_some(line))
 }
 
 impl<T: Terrain> Run<'_, T> {
@@ -319,8 +292,8 @@ impl<T: Terrain> Run<'_, T> {
     }
 
     fn outcome(&self, plain: usize) -> Outcome {
-        let failing = || self.entries.iter().filter(|entry| !entry.holds);
-        let mut unsatisfied: Vec<_> = failing().filter(|entry| !entry.is_eye).map(|entry| entry.line.id).collect();
+        let failing = self.entries.iter().filter(|entry| !entry.holds);
+        let mut unsatisfied: Vec<_> = failing.map(|entry| entry.line.id).collect();
         unsatisfied.sort_unstable();
         // Active in the mesh now and toggled an odd number of times since the plain mesh: the plain mesh lacked it.
         let mut changed = self.queue.toggles()[plain..].to_vec();
@@ -329,7 +302,7 @@ impl<T: Terrain> Run<'_, T> {
         let stolen = lacked.filter(|&p| self.required.contains(p));
         let triangles: usize = stolen.map(|p| self.ground.grid().root().triangles(p).count()).sum();
         let stolen = u32::try_from(triangles).unwrap_or(u32::MAX);
-        Outcome { unsatisfied, eye_clear: !failing().any(|entry| entry.is_eye), stolen }
+        Outcome { unsatisfied, stolen }
     }
 }
 

@@ -20,6 +20,11 @@ mod tests;
 
 use sightline_proto::verdict::MeshVerdict;
 
+use crate::{
+    los::{self, LosError},
+    terrain::HeightField,
+};
+
 pub(super) use engine::{Limits, Outcome, Requirements};
 
 /// How much of the terrain's truth a sight line asks of a mesh.
@@ -50,4 +55,19 @@ pub struct RequiredLine {
     pub fidelity: Fidelity,
     /// Lines are satisfied in order of priority, least first, then id.
     pub priority: u32,
+}
+
+impl RequiredLine {
+    /// What a view asks for itself: that an eye in the open, in the grid frame, be not under its own mesh. It comes
+    /// after all lines of other priorities, so that it takes no triangles from them. `None` for an eye that is below
+    /// the finest surface or over unknown ground.
+    pub fn of_eye<H>(field: &H, id: u64, eye: [f64; 3]) -> Result<Option<Self>, LosError>
+    where
+        H: HeightField + ?Sized,
+    {
+        let verdict = los::line_of_sight(field, eye, eye, los::Options::default())?.verdict;
+        let line =
+            Self { id, a: eye, b: eye, verdict: verdict.on_mesh(), fidelity: Fidelity::Verdict, priority: u32::MAX };
+        Ok((verdict == los::Verdict::Visible).then_some(line))
+    }
 }

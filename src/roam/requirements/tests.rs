@@ -113,11 +113,13 @@ fn each_line_holds_or_is_named_and_never_both() {
         let terrain = terrain(70 + seed as u32 * 9, 65, seed);
         let mut mesh = ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap();
         for step in 0..10 {
-            let lines = lines(&terrain, seed * 100 + step / 2, 30);
+            let mut lines = lines(&terrain, seed * 100 + step / 2, 30);
+            let camera = camera(&terrain, seed * 10 + step);
+            let eye = SCALE.grid_from_scene(camera.eye().unwrap()).to_array();
+            lines.extend(RequiredLine::of_eye(&*terrain, u64::MAX, eye).unwrap());
             let n = 2 + (unit(seed, 70 + step) * unit(seed, 90 + step) * 4000.0) as u32;
             let target =
                 if step % 4 == 3 { Target::ScreenError { px: 5.0, max: n } } else { Target::TriangleBudget(n) };
-            let camera = camera(&terrain, seed * 10 + step);
             let report = mesh.update(&camera, target, &lines).unwrap();
             assert!(report.triangles <= n);
             for line in &lines {
@@ -126,11 +128,6 @@ fn each_line_holds_or_is_named_and_never_both() {
                 if is_named { named += 1 } else { held += 1 }
             }
             stolen += report.stolen;
-            let eye = SCALE.grid_from_scene(camera.eye().unwrap()).to_array();
-            let under = verdict_on_mesh(&mesh, eye, eye) == MeshVerdict::Blocked;
-            let ground = Ground::new(&*terrain);
-            let buried = verdict_on_mesh(&ground, eye, eye) == MeshVerdict::Blocked;
-            assert_eq!(report.eye_clear, buried || !under, "seed {seed}, step {step}");
             // The mesh does not depend on the way to it, and what does not change costs nothing.
             let mut scratch = ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap();
             let again = scratch.update(&camera, target, &lines).unwrap();
