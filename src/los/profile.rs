@@ -157,7 +157,7 @@ fn chords<H: HeightField + ?Sized>(field: &H, events: &[Event]) -> Result<Vec<bo
     Ok(known)
 }
 
-/// All events of AB in the grid, in exact order from A to B, each point once.
+/// All events of AB in the grid, in exact order from A to B, each point once. Parameters never decrease.
 fn events<H: HeightField + ?Sized>(field: &H, a: [f64; 3], b: [f64; 3]) -> Result<Vec<Event>, LosError> {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite(b, ["bx", "by", "bz"])?;
@@ -184,7 +184,13 @@ fn events<H: HeightField + ?Sized>(field: &H, a: [f64; 3], b: [f64; 3]) -> Resul
     crossed.dedup_by(|(e, ..), (f, ..)| e.face == f.face && matches!(e.face, Face::Post(_)));
     let mut events: Vec<Event> = Vec::with_capacity(crossed.len() + 2);
     events.extend(end(&mut walk, LinePoint::A, a, 0.0)?);
-    events.extend(crossed.into_iter().map(|(event, ..)| event));
+    let mut reached: f64 = 0.0;
+    events.extend(crossed.into_iter().map(|(mut event, ..)| {
+        // Rounded parameters of close crossings may be out of order by their errors; the true ones are not.
+        reached = event.place.t.clamp(reached, 1.0);
+        event.place.t = reached;
+        event
+    }));
     events.extend(end(&mut walk, LinePoint::B, b, 1.0)?);
     Ok(events)
 }
