@@ -239,7 +239,7 @@ impl Bintree {
     }
 
     pub(super) fn bytes(&self) -> usize {
-        self.tris.capacity() * size_of::<Tri>()
+        size_of_val(self.tris.as_slice())
     }
 }
 

@@ -4,7 +4,9 @@
 //! draw vertices between the levels of detail. Triangles turn counter-clockwise seen from above. A mesh states the
 //! rectangle that it covers; whether it does is checked in `conformity`.
 
-use sightline_proto::diamond::Post;
+use std::collections::BTreeMap;
+
+use sightline_proto::{diamond::Post, mesh::Mesh};
 
 use super::{Ground, LodView};
 
@@ -36,6 +38,26 @@ pub struct IndexedMesh {
 }
 
 impl IndexedMesh {
+    /// A mesh of the bintree hierarchy as indexed triangles, so that it is measured as the others are. Triangles with a
+    /// corner that is not active are left out: a mesh keeps its promise not to have any.
+    pub fn of(mesh: &impl Mesh) -> Self {
+        let mut indexed = Self { extent: [mesh.root().side(); 2], ..Self::default() };
+        let mut known = BTreeMap::new();
+        mesh.for_each_triangle(|t| {
+            let [Some(a), Some(b), Some(c)] = t.corners().map(|p| {
+                let z = mesh.height(p)?;
+                Some(*known.entry(p).or_insert_with(|| {
+                    indexed.vertices.push(Vertex { post: p, z });
+                    indexed.vertices.len() as u32 - 1
+                }))
+            }) else {
+                return;
+            };
+            indexed.triangles.push([a, b, c]);
+        });
+        indexed
+    }
+
     /// The corners of a triangle.
     pub fn corners(&self, triangle: [u32; 3]) -> [Vertex; 3] {
         triangle.map(|n| self.vertices[n as usize])

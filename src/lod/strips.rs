@@ -167,20 +167,34 @@ struct Strip {
 }
 
 impl Strip {
-    fn reverse(&mut self) {
-        self.vertices.make_contiguous().reverse();
-        self.triangles.make_contiguous().reverse();
+    /// The vertex `k` steps from the back or the front.
+    fn vertex_at(&self, back: bool, k: usize) -> u64 {
+        self.vertices[if back { self.vertices.len() - 1 - k } else { k }]
     }
 
-    /// Turns a strip of one triangle so that edge pq is its last; says whether the last edge is pq.
-    fn ends_with(&mut self, edge: [u64; 2]) -> bool {
-        let n = self.vertices.len();
-        if n == 3
-            && let Some(k) = self.vertices.iter().position(|v| !edge.contains(v))
-        {
-            self.vertices.swap(0, k);
+    /// Adds the triangles of `short` at one end, where the two share an edge: the last vertex of this strip is the last
+    /// but one of the other, and the other way round.
+    fn attach(&mut self, back: bool, short: &Self, short_back: bool) {
+        for k in 0..short.triangles.len() {
+            let vertex = short.vertex_at(short_back, k + 2);
+            let triangle = short.triangles[if short_back { short.triangles.len() - 1 - k } else { k }];
+            if back {
+                self.vertices.push_back(vertex);
+                self.triangles.push_back(triangle);
+            } else {
+                self.vertices.push_front(vertex);
+                self.triangles.push_front(triangle);
+            }
         }
-        edge.contains(&self.vertices[n - 1]) && edge.contains(&self.vertices[n - 2])
+    }
+
+    /// Turns a strip of one triangle so that it continues another strip beyond one of its ends, if it can.
+    fn turn_towards(&mut self, other: &Self, other_back: bool) {
+        let (outer, inner) = (other.vertex_at(other_back, 0), other.vertex_at(other_back, 1));
+        let thirds: Vec<u64> = self.vertices.iter().copied().filter(|&v| v != outer && v != inner).collect();
+        if let (3, &[third]) = (self.vertices.len(), thirds.as_slice()) {
+            self.vertices = [inner, outer, third].into();
+        }
     }
 }
 
@@ -201,22 +215,22 @@ pub struct StripSet {
 impl StripSet {
     /// Removes a triangle, cutting its strip in two where it was in the middle.
     pub fn remove(&mut self, triangle: u32) {
-        let Some(strip) = self.of.remove(&triangle).and_then(|id| self.strips.remove(&id)) else { return };
-        let Some(at) = strip.triangles.iter().position(|&t| t == triangle) else { return };
-        let (vertices, triangles) = (strip.vertices, strip.triangles);
-        let before = Strip {
-            vertices: vertices.iter().copied().take(at + 2).collect(),
-            triangles: triangles.iter().copied().take(at).collect(),
-        };
-        let after = Strip {
-            vertices: vertices.iter().copied().skip(at + 1).collect(),
-            triangles: triangles.iter().copied().skip(at + 1).collect(),
-        };
-        for part in [before, after] {
-            if !part.triangles.is_empty() {
-                self.written += 1;
-                self.insert(part);
-            }
+        let Some(id) = self.of.remove(&triangle) else { return };
+        let Some(mut before) = self.strips.remove(&id) else { return };
+        let Some(at) = before.triangles.iter().position(|&t| t == triangle) else { return };
+        let mut after =
+            Strip { vertices: before.vertices.split_off(at + 1), triangles: before.triangles.split_off(at) };
+        after.triangles.pop_front();
+        before.vertices.push_back(after.vertices[0]);
+        // The longer part keeps its number.
+        let (long, short) =
+            if before.triangles.len() >= after.triangles.len() { (before, after) } else { (after, before) };
+        if !short.triangles.is_empty() {
+            self.written += short.triangles.len() as u64 + 2;
+            self.insert(short);
+        }
+        if !long.triangles.is_empty() {
+            self.strips.insert(id, long);
         }
     }
 
@@ -247,16 +261,21 @@ impl StripSet {
         self.strips.insert(id, strip);
     }
 
-    /// Joins two strips where the last edge of the one, as it turns, is the first of the other.
+    /// Joins two strips where an end of the one continues an end of the other: the shorter goes to the longer.
     fn join_strips(&mut self, a: u32, b: u32) {
-        let (Some(mut first), Some(mut second)) = (self.strips.remove(&a), self.strips.remove(&b)) else { return };
-        if let Some(joined) = joined(&mut first, &mut second) {
-            self.written += 2 + second.triangles.len() as u64;
-            self.insert(joined);
+        let (Some(first), Some(second)) = (self.strips.remove(&a), self.strips.remove(&b)) else { return };
+        let (long_id, mut long, short_id, mut short) =
+            if first.triangles.len() >= second.triangles.len() { (a, first, b, second) } else { (b, second, a, first) };
+        if let Some((back, short_back)) = meeting_ends(&mut long, &mut short) {
+            long.attach(back, &short, short_back);
+            self.written += short.triangles.len() as u64;
+            for &t in &short.triangles {
+                self.of.insert(t, long_id);
+            }
         } else {
-            self.strips.insert(a, first);
-            self.strips.insert(b, second);
+            self.strips.insert(short_id, short);
         }
+        self.strips.insert(long_id, long);
     }
 
     /// What sending the strips takes.
@@ -275,40 +294,24 @@ impl StripSet {
     }
 }
 
-/// The two strips as one, if an end of the one continues an end of the other.
-fn joined(first: &mut Strip, second: &mut Strip) -> Option<Strip> {
-    for _ in 0..2 {
-        for _ in 0..2 {
-            let n = second.vertices.len();
-            let edge = [second.vertices[0], second.vertices[1]];
-            let common: Vec<u64> = second.vertices.iter().copied().filter(|v| first.vertices.contains(v)).collect();
-            if let (1, 3, &[p, q]) = (first.triangles.len(), n, common.as_slice()) {
-                first.ends_with([p, q]);
-            }
-            if n == 3 {
-                // A single triangle turns so that it begins with the other's last edge, in the other's order.
-                let m = first.vertices.len();
-                let last = [first.vertices[m - 2], first.vertices[m - 1]];
-                let others: Vec<u64> = second.vertices.iter().copied().filter(|v| !last.contains(v)).collect();
-                if let &[third] = others.as_slice() {
-                    second.vertices = [last[0], last[1], third].into();
-                }
-            } else {
-                first.ends_with(edge);
-            }
-            let m = first.vertices.len();
-            let single = first.triangles.len() == 1 && n > 3;
-            if single && first.vertices[m - 2] == second.vertices[1] && first.vertices[m - 1] == second.vertices[0] {
-                first.vertices.swap(m - 2, m - 1);
-            }
-            if [first.vertices[m - 2], first.vertices[m - 1]] == [second.vertices[0], second.vertices[1]] {
-                let vertices = first.vertices.iter().chain(second.vertices.iter().skip(2)).copied().collect();
-                let triangles = first.triangles.iter().chain(&second.triangles).copied().collect();
-                return Some(Strip { vertices, triangles });
-            }
-            second.reverse();
+/// The ends (whether they are the backs) at which two strips share an edge in the order that both need; strips of one
+/// triangle are turned for it.
+fn meeting_ends(long: &mut Strip, short: &mut Strip) -> Option<(bool, bool)> {
+    if let (3, 3) = (long.vertices.len(), short.vertices.len()) {
+        let common = |v: &u64| short.vertices.contains(v);
+        if let Some(third) = long.vertices.iter().position(|v| !common(v)) {
+            long.vertices.swap(0, third);
         }
-        first.reverse();
+    }
+    for back in [true, false] {
+        short.turn_towards(long, back);
+        for short_back in [false, true] {
+            if long.vertex_at(back, 0) == short.vertex_at(short_back, 1)
+                && long.vertex_at(back, 1) == short.vertex_at(short_back, 0)
+            {
+                return Some((back, short_back));
+            }
+        }
     }
     None
 }

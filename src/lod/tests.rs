@@ -1,11 +1,15 @@
 //! The suite that every system passes, and the measures against naive ones.
 
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use glam::{DQuat, DVec3};
 use num_rational::BigRational;
 use num_traits::{Signed, Zero};
-use sightline_proto::{diamond::Post, verdict::MeshVerdict};
+use sightline_proto::{
+    diamond::{Post, RootSquare},
+    mesh::Mesh,
+    verdict::{MeshVerdict, verdict_on_mesh},
+};
 
 use super::{
     conformity::{self, NotOnce},
@@ -301,4 +305,90 @@ fn verdicts_on_the_finest_mesh_are_those_on_the_finest_surface() {
 fn a_terrain_too_large_for_one_array_is_refused() {
     let field = MemoryField::from_fn(MAX_SIDE + 2, 2, |_, _| Some(0.0)).unwrap();
     assert!(matches!(Ground::read(&field, SCALE), Err(LodError::TooLarge { .. })));
+}
+
+#[test]
+fn morphing_moves_vertices_and_tears_nothing() {
+    let ground = ground(129, 129, 13);
+    let view = view(&ground, 0.4, 0.4, 60.0);
+    let heights: Vec<f64> = (0..129 * 129).map(|n| ground.z(n % 129, n / 129)).collect();
+    let (low, high) = heights.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &z| (l.min(z), h.max(z)));
+    for algorithm in [Algorithm::Quadtree, Algorithm::GeoMipMap, Algorithm::ImprovedGeoMipMap, Algorithm::TStrip] {
+        let mut system = algorithm.prepare(&ground);
+        let still = system.update(&view, Target::Triangles(6000)).unwrap();
+        system.set_morph(true);
+        let morphed = system.update(&view, Target::Setting(still.statistics.setting)).unwrap();
+        assert_eq!(still.mesh.plan(), morphed.mesh.plan(), "{}", algorithm.name());
+        let found = conformity::check(&morphed.mesh).unwrap();
+        assert_eq!(found.t_junctions, 0, "{}", algorithm.name());
+        let moved = morphed.mesh.vertices.iter().filter(|v| v.z != ground.z(v.post.i, v.post.j)).count();
+        assert!(moved > 0 && moved < morphed.mesh.vertices.len(), "{}: {moved}", algorithm.name());
+        // Between the levels, so never beyond the terrain's own range.
+        assert!(morphed.mesh.vertices.iter().all(|v| (low..=high).contains(&v.z)), "{}", algorithm.name());
+    }
+}
+
+/// A mesh of the hierarchy: random posts with all their ancestors.
+struct Sparse {
+    root: RootSquare,
+    grid: (u32, u32),
+    active: BTreeMap<Post, f64>,
+}
+
+impl Sparse {
+    fn new(ground: &Ground, seed: u64, posts: u64) -> Self {
+        let grid = ground.grid();
+        let root = grid.root();
+        let side = u64::from(root.side()) + 1;
+        let mut open: Vec<Post> = (0..posts)
+            .map(|n| Post::new((mix(seed ^ mix(2 * n)) % side) as u32, (mix(seed ^ mix(2 * n + 1)) % side) as u32))
+            .collect();
+        open.extend(root.corners());
+        let mut active = BTreeMap::new();
+        while let Some(p) = open.pop() {
+            if active.insert(p, ground.z(p.i, p.j)).is_none() {
+                open.extend(root.parents(p));
+            }
+        }
+        Self { root, grid: (grid.nx(), grid.ny()), active }
+    }
+}
+
+impl Mesh for Sparse {
+    fn root(&self) -> RootSquare {
+        self.root
+    }
+
+    fn grid_size(&self) -> (u32, u32) {
+        self.grid
+    }
+
+    fn height(&self, p: Post) -> Option<f64> {
+        self.active.get(&p).copied()
+    }
+}
+
+#[test]
+fn bintree_meshes_have_the_same_verdicts_either_way() {
+    let mut counts = [0; 2];
+    for seed in 0..12 {
+        let ground = ground(41, 30, seed);
+        let bintree = Sparse::new(&ground, seed, 3 + 10 * seed);
+        let mesh = IndexedMesh::of(&bintree);
+        assert_eq!(conformity::check(&mesh).unwrap().t_junctions, 0, "seed {seed}");
+        let index = SightIndex::new(&mesh, ground.grid());
+        for n in 0..150 {
+            // Posts and points beside the grid; heights near the surface, so that lines in the mesh are common.
+            let end = |k: u64| {
+                let (i, j) = ((50.0 * unit(n, k)).floor(), (36.0 * unit(n, k + 1)).floor());
+                let z = ground.z((i as u32).min(40), (j as u32).min(29)) + (5.0 * unit(n, k + 2)).floor() - 1.0;
+                [i - 4.0, j - 3.0, z]
+            };
+            let (a, b) = (end(10 * seed), end(10 * seed + 5));
+            let expected = verdict_on_mesh(&bintree, a, b);
+            assert_eq!(index.verdict(a, b), expected, "seed {seed}, line {n}: {a:?} {b:?}");
+            counts[usize::from(expected == MeshVerdict::Blocked)] += 1;
+        }
+    }
+    assert!(counts[0] > 100 && counts[1] > 100, "{counts:?}");
 }
