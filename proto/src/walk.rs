@@ -191,7 +191,9 @@ pub(crate) fn walk(
         visits.clear();
         levels.rotate_left(1);
     }
-    Ok(())
+    // Nothing hangs on the posts of the last two levels, so none of the base can have been touched but to be removed.
+    let is_touched_in_vain = levels.iter().flatten().any(|visit| !visit.new);
+    if is_touched_in_vain { Err(DecodeError::NotCanonical) } else { Ok(()) }
 }
 
 impl<C: Coder, S: State> Walk<'_, C, S> {

@@ -253,6 +253,17 @@ fn other_versions_and_reserved_bits_are_refused() {
     assert_eq!(coarsest.clone().apply(&empty, MAX_TRIANGLES), Err(DecodeError::Truncated.into()));
 }
 
+/// Found by fuzzing: the centre is told as changed and not removed, but nothing can hang on it in a square this small.
+#[test]
+fn a_change_that_is_told_must_come() {
+    let coarsest = Replica::new(&terrain(3, 3, vec![0, 10, 20, 40])).unwrap();
+    let mut base = coarsest.with_posts([(Post::new(1, 1), 25), (Post::new(1, 0), 4)], 6).unwrap();
+    let announced = v1::Frame { sequence: 7, ..frame(vec![0x42, 0x02, 0xb9], Some(&base), &base) };
+    assert_eq!(base.apply(&announced, MAX_TRIANGLES), Err(DecodeError::NotCanonical.into()));
+    let untouched = v1::Frame { mesh: vec![0x42, 0x8a], ..announced };
+    assert_eq!(base.apply(&untouched, MAX_TRIANGLES), Ok(()));
+}
+
 #[test]
 fn advancing_gives_the_mesh_and_the_payload_of_the_difference() {
     let (coarsest, [(_, _), (delta, first)]) = samples();
