@@ -19,7 +19,8 @@
 //! Where it departs:
 //! - The neighbours of a refined block must exist, so d2 grows up the tree: a block's is at least K times that of the
 //!   blocks of half its size within and beside it. The paper's K is C / (2 (C - 1)); that holds only for blocks whose
-//!   centres are at most d apart. [`Quadtree::spread`] derives the constant used here. It costs triangles.
+//!   centres are at most d apart. [`Quadtree::spread`] derives the constant used here. It costs triangles;
+//!   the shared tests find no mesh that the paper's constant tears.
 //! - l is the paper's sum of absolute differences, but its height term is that of the eye over the ground beneath it,
 //!   the same for all blocks: with each block's own height the derivation would not hold.
 //! - d is in metres, the longer of a block's sides where posts are not square.
