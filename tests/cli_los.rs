@@ -69,6 +69,30 @@ fn one_line_is_answered_in_every_frame() {
 }
 
 #[test]
+fn precisions_are_obeyed_and_say_what_they_are_worth() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = ridge(folder.path());
+    // Half a unit below the ridge.
+    let low = ["--from", "100,220,3.5", "--to", "180,220,3.5"];
+    let by = |precision| ask(&database, &[&low[..], &["--precision", precision]].concat());
+    assert_eq!(by("exact"), ask(&database, &low));
+    assert_eq!((&by("exact")["verdict"], &by("exact")["certain"]), (&"BLOCKED".into(), &true.into()));
+    for precision in ["f64", "fast", "tolerance:0"] {
+        assert_eq!(by(precision)["verdict"], "BLOCKED", "{precision}");
+        assert_eq!(by(precision)["certain"], precision == "tolerance:0", "{precision}");
+    }
+    for bad in ["tolerance:-1", "tolerance:NaN", "tolerance", "exakt"] {
+        let target = database.to_str().unwrap();
+        let output = sightline(&[&["los", target, "--precision", bad], &low[..]].concat());
+        assert_eq!(status(&output), 2, "{bad}");
+        assert!(text(&output.stderr).contains("tolerance:H"), "{}", text(&output.stderr));
+    }
+    let server = sightline(&[&["los", "http://127.0.0.1:1", "--precision", "f64"], &low[..]].concat());
+    assert_eq!(status(&server), 2);
+    assert!(text(&server.stderr).contains("needs a database"));
+}
+
+#[test]
 fn unknown_ground_is_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let database = ridge(folder.path());

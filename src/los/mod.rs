@@ -16,6 +16,7 @@
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
 pub mod naive;
+mod precision;
 mod profile;
 mod pyramid;
 mod skip;
@@ -25,13 +26,14 @@ mod sweep;
 mod tests;
 mod walk;
 
+pub use precision::{NotAPrecision, Precision};
 pub use profile::{Derived, MAX_WITNESSES, Place, Witness, derive, witnesses};
 pub use pyramid::Pyramid;
 pub use surface::{on_ground, surface_height};
 
 use rayon::prelude::*;
 use sightline_proto::{
-    predicates::{Exact, Kernel},
+    predicates::{Exact, FilterOnly, Kernel},
     verdict::MeshVerdict,
 };
 use thiserror::Error;
@@ -71,19 +73,24 @@ impl Verdict {
 }
 
 /// How to ask for a line of sight.
-#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+#[derive(Clone, Copy, PartialEq, Default, Debug)]
 pub struct Options {
     /// Whether contact with known ground strictly between the ends blocks.
     pub strict: bool,
+    /// How certain the answer has to be.
+    pub precision: Precision,
 }
 
 /// The answer to a line-of-sight question.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Answer {
-    /// The exact verdict.
+    /// The verdict; exact when [`Answer::certain`].
     pub verdict: Verdict,
     /// For a visible line: whether it touches the surface strictly between its ends.
     pub grazes: bool,
+    /// Whether verdict and grazing are exact. Never so for FAST and F64; so for TOLERANCE unless bounds decided
+    /// something within the tolerance.
+    pub certain: bool,
 }
 
 /// Why a line-of-sight question has no answer.
@@ -97,6 +104,9 @@ pub enum LosError {
         /// Its value.
         value: f64,
     },
+    /// A tolerance is negative or not a number.
+    #[error("a tolerance of {0} height units: it must be a number not below 0")]
+    BadTolerance(f64),
     /// The ground plus the height asked for is beyond the range of f64.
     #[error("{height} above the ground at ({x}, {y}) is beyond the range of numbers")]
     OutOfRange {
@@ -112,21 +122,30 @@ pub enum LosError {
     Read(#[from] ReadError),
 }
 
-/// The exact line of sight from `a` to `b` on the finest surface of `field`. Ends in the grid frame.
+/// The line of sight from `a` to `b` on the finest surface of `field`. Ends in the grid frame.
 pub fn line_of_sight<H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
 where
     H: HeightField + ?Sized,
 {
-    line_of_sight_with::<Exact, H>(field, a, b, options)
+    Lines::new(field, None).ask(a, b, options)
 }
 
-/// [`line_of_sight`] with the rungs of `K`; a kernel without an exact rung is wrong near ties.
+/// [`line_of_sight`] with the rungs of `K`, whatever the precision; a kernel without an exact rung is wrong near ties.
 pub fn line_of_sight_with<K, H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
 where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    Lines::new(field, None).ask::<K>(a, b, options)
+    Lines::new(field, None).ask_with::<K>(a, b, options, Manner::default())
+}
+
+/// How crossings and blocks are decided besides the kernel.
+#[derive(Clone, Copy, Default, Debug)]
+struct Manner {
+    /// Crossings in f32.
+    fast: bool,
+    /// In height units.
+    tolerance: f64,
 }
 
 /// Asks one line after the other of one field, with the pages of the last ones at hand.
@@ -141,11 +160,30 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
         Self { walk: Walk::new(field, [0.0; 3], [0.0; 3]), pyramid }
     }
 
-    /// The line of sight from `a` to `b`, with the rungs of `K`.
-    pub fn ask<K: Kernel>(&mut self, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError> {
+    /// The line of sight from `a` to `b`.
+    pub fn ask(&mut self, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError> {
+        let manner = Manner::default();
+        match options.precision {
+            Precision::Exact => self.ask_with::<Exact>(a, b, options, manner),
+            Precision::F64 => self.ask_with::<FilterOnly>(a, b, options, manner),
+            Precision::Fast => self.ask_with::<FilterOnly>(a, b, options, Manner { fast: true, ..manner }),
+            Precision::Tolerance(tolerance) if tolerance >= 0.0 => {
+                self.ask_with::<Exact>(a, b, options, Manner { tolerance, ..manner })
+            }
+            Precision::Tolerance(tolerance) => Err(LosError::BadTolerance(tolerance)),
+        }
+    }
+
+    fn ask_with<K: Kernel>(
+        &mut self,
+        a: [f64; 3],
+        b: [f64; 3],
+        options: Options,
+        manner: Manner,
+    ) -> Result<Answer, LosError> {
         check_finite(a, ["ax", "ay", "az"])?;
         check_finite(b, ["bx", "by", "bz"])?;
-        (self.walk.a, self.walk.b) = (a, b);
+        (self.walk.a, self.walk.b, self.walk.manner) = (a, b, manner);
         let met = walk::walk::<K, H>(&mut self.walk, self.pyramid, options.strict)?;
         let blocked = met.blocked || options.strict && met.contact;
         let verdict = match (blocked, met.unknown) {
@@ -153,7 +191,8 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
             (_, true) => Verdict::Unknown,
             _ => Verdict::Visible,
         };
-        Ok(Answer { verdict, grazes: verdict == Verdict::Visible && met.contact })
+        let certain = !met.tolerated && !matches!(options.precision, Precision::Fast | Precision::F64);
+        Ok(Answer { verdict, grazes: verdict == Verdict::Visible && met.contact, certain })
     }
 }
 
@@ -172,7 +211,7 @@ where
 {
     let shares = lines.par_chunks(BATCH_SHARE).map(|share| {
         let mut asked = Lines::new(field, pyramid);
-        share.iter().map(|&[a, b]| asked.ask::<Exact>(a, b, options)).collect::<Result<Vec<_>, _>>()
+        share.iter().map(|&[a, b]| asked.ask(a, b, options)).collect::<Result<Vec<_>, _>>()
     });
     let answers: Vec<_> = shares.collect();
     Ok(answers.into_iter().collect::<Result<Vec<_>, _>>()?.concat())

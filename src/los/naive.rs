@@ -35,7 +35,7 @@ where
         (_, true) => Verdict::Unknown,
         _ => Verdict::Visible,
     };
-    Ok(Answer { verdict, grazes: verdict == Verdict::Visible && contact })
+    Ok(Answer { verdict, grazes: verdict == Verdict::Visible && contact, certain: true })
 }
 
 /// A linear function of t, by its values at t = 0 and t = 1.

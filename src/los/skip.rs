@@ -9,13 +9,21 @@
 //! finite these are all known, and where the greatest is less than a lower bound of AB's height over the stretch, AB is
 //! strictly above each: nothing blocked, unknown or touching is left out. A block wholly above the line is walked at
 //! once, and its first crossing in the grid ends the walk, so that too is decided by a crossing.
+//!
+//! **With a tolerance** h a block is passed over when it is below the line once lowered by h, and blocks when it would
+//! stand above it once raised by h and AB crosses known ground there. Where the terrain lowered by h blocks, some
+//! crossing has ground more than h above the line; its block is not passed over, so the answer is BLOCKED, by that or
+//! another. Where the terrain raised by h does not block, no block can. Voids are never passed over. So the answer is
+//! the exact one where both have the same verdict.
 
-use sightline_proto::predicates::Kernel;
+use std::ops::Range;
+
+use sightline_proto::predicates::{Exact, Kernel};
 
 use super::{
     pyramid::Pyramid,
     sweep::{ROUNDOFF, Span, Sweep},
-    walk::{Met, Walk},
+    walk::{Found, Met, Walk},
 };
 use crate::terrain::{HeightField, ReadError};
 
@@ -91,6 +99,7 @@ where
     H: HeightField + ?Sized,
 {
     let Some(course) = Course::new(walk.a, walk.b, span, sweeps) else { return Ok(false) };
+    let tolerance = walk.manner.tolerance;
     let (mut t, mut level) = (span.low, 0);
     while t < span.high {
         let shift = pyramid.shift(level);
@@ -99,9 +108,17 @@ where
         debug_assert!(end > t, "a block that leads nowhere at {t} of {:?} to {:?}", walk.a, walk.b);
         let bounds = pyramid.at(level, column, row);
         let heights = [course.z + t * course.rise, course.z + end * course.rise];
-        if f64::from(bounds.high) < heights[0].min(heights[1]) - course.z_error {
+        // How far the ground may rise above the line, and how far it does at least. Rounding keeps order, so each is
+        // less, or greater, than a number if its rounded value is.
+        let most = f64::from(bounds.high) - (heights[0].min(heights[1]) - course.z_error);
+        let least = f64::from(bounds.low) - (heights[0].max(heights[1]) + course.z_error);
+        if most < tolerance {
+            met.tolerated |= most >= 0.0;
             level = (level + 1).min(pyramid.top());
-        } else if level > 0 && f64::from(bounds.low) <= heights[0].max(heights[1]) + course.z_error {
+        } else if least <= 0.0 && least > -tolerance && has_ground(walk, sweeps, &course.span, [t, end])? {
+            (met.blocked, met.tolerated) = (true, true);
+            return Ok(true);
+        } else if level > 0 && least <= 0.0 {
             level -= 1;
             continue;
         } else if !walk_stretch::<K, H>(walk, sweeps, &course.span, [t, end], strict, met)? {
@@ -112,12 +129,35 @@ where
     Ok(true)
 }
 
+/// Whether AB crosses something in the grid on a stretch over a block without voids.
+fn has_ground<H>(walk: &mut Walk<'_, H>, sweeps: &[Sweep; 4], span: &Span, stretch: [f64; 2]) -> Result<bool, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    for sweep in sweeps {
+        for n in numbers(sweep, span, stretch) {
+            if matches!(walk.cross::<Exact>(sweep, n)?, Found::Known(_)) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}
+
+/// The crossings of a stretch.
+fn numbers(sweep: &Sweep, span: &Span, [t, end]: [f64; 2]) -> Range<i64> {
+    // What comes before the span is outside, except for errors.
+    let first = if t > span.low { sweep.until(t) } else { 0 };
+    let last = if end < span.high { sweep.until(end) } else { sweep.count };
+    first..last
+}
+
 /// Walks the crossings of a stretch; whether it is worth going on.
 fn walk_stretch<K, H>(
     walk: &mut Walk<'_, H>,
     sweeps: &[Sweep; 4],
     span: &Span,
-    [t, end]: [f64; 2],
+    stretch: [f64; 2],
     strict: bool,
     met: &mut Met,
 ) -> Result<bool, ReadError>
@@ -126,10 +166,7 @@ where
     H: HeightField + ?Sized,
 {
     for sweep in sweeps {
-        // What comes before the span is outside, except for errors.
-        let first = if t > span.low { sweep.until(t) } else { 0 };
-        let last = if end < span.high { sweep.until(end) } else { sweep.count };
-        if !walk.take::<K>(sweep, first..last, strict, met)? {
+        if !walk.take::<K>(sweep, numbers(sweep, span, stretch), strict, met)? {
             return Ok(false);
         }
     }

@@ -292,6 +292,17 @@ impl Sweep {
     }
 }
 
+impl Sweep {
+    /// Crossing `n` in f32, with no bound of its error.
+    #[inline]
+    pub(super) fn crossing_fast(&self, n: i64) -> Crossing {
+        let c = self.line(n);
+        let along = (c as f64 - self.g_a) as f32;
+        let at = |from: f64, slope: f64| f64::from(from as f32 + along * slope as f32);
+        Crossing { c, v: at(self.v_a, self.v_slope), z: at(self.z_a, self.z_slope) }
+    }
+}
+
 impl Family {
     /// The sign of g(B) - g(A), exactly.
     fn side_of_b(self, a: [f64; 2], b: [f64; 2]) -> Sign {

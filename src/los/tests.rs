@@ -93,15 +93,15 @@ proptest! {
 
     #[test]
     fn answers_are_the_naive_ones((a, b) in line(), heights in heights(), strict: bool) {
-        let (field, options) = (heights.field(), Options { strict });
+        let (field, options) = (heights.field(), Options { strict, ..Options::default() });
         let expected = naive::line_of_sight(&field, a, b, options).unwrap();
         prop_assert_eq!(line_of_sight(&field, a, b, options).unwrap(), expected);
         prop_assert_eq!(line_of_sight(&field, b, a, options).unwrap(), expected, "reversed");
         for base in 0..4 {
             let pyramid = Pyramid::with_base(&field, base).unwrap();
             let mut lines = Lines::new(&field, Some(&pyramid));
-            prop_assert_eq!(lines.ask::<Exact>(a, b, options).unwrap(), expected, "blocks of 2^{} cells", base);
-            prop_assert_eq!(lines.ask::<Exact>(b, a, options).unwrap(), expected, "reversed, 2^{} cells", base);
+            prop_assert_eq!(lines.ask(a, b, options).unwrap(), expected, "blocks of 2^{} cells", base);
+            prop_assert_eq!(lines.ask(b, a, options).unwrap(), expected, "reversed, 2^{} cells", base);
         }
     }
 
@@ -243,7 +243,7 @@ fn lines_over_pages_and_far_beyond_the_grid_are_the_naive_ones() {
             let expected = naive::line_of_sight(field, a, b, Options::default()).unwrap();
             assert_eq!(line_of_sight(field, a, b, Options::default()).unwrap(), expected, "{seed}: {a:?} {b:?}");
             let pyramid = Pyramid::with_base(field, 2).unwrap();
-            let skipping = Lines::new(field, Some(&pyramid)).ask::<Exact>(a, b, Options::default()).unwrap();
+            let skipping = Lines::new(field, Some(&pyramid)).ask(a, b, Options::default()).unwrap();
             assert_eq!(skipping, expected, "skipping, {seed}: {a:?} {b:?}");
         }
     }
@@ -285,13 +285,60 @@ fn skipping_changes_no_answer() {
         let mut skipping = Lines::new(&field, Some(&pyramid));
         for n in 0..6000 {
             let [a, b] = manufactured(n, 300.0);
-            let options = Options { strict: n.is_multiple_of(5) };
-            let expected = walked.ask::<Exact>(a, b, options).unwrap();
-            assert_eq!(skipping.ask::<Exact>(a, b, options).unwrap(), expected, "line {n}: {a:?} {b:?}");
+            let options = Options { strict: n.is_multiple_of(5), ..Options::default() };
+            let expected = walked.ask(a, b, options).unwrap();
+            assert_eq!(skipping.ask(a, b, options).unwrap(), expected, "line {n}: {a:?} {b:?}");
             counts[expected.verdict as usize] += 1;
         }
     }
     assert!(counts.iter().all(|&count| count > 500), "{counts:?}");
+}
+
+#[test]
+fn tolerant_answers_are_between_those_of_raised_and_lowered_terrain() {
+    let height = |i, j| (i + j * 7 != 300).then(|| f64::from(synthetic::fractal_height(i, j, 5, 60)));
+    let shifted = |by: f64| MemoryField::from_fn(150, 150, |i, j| height(i, j).map(|z| z + by)).unwrap();
+    let field = shifted(0.0);
+    let pyramid = Pyramid::build(&field).unwrap();
+    for h in [0.0, 0.5, 4.0, 30.0] {
+        let (raised, lowered) = (shifted(h), shifted(-h));
+        let options = Options { precision: Precision::Tolerance(h), ..Options::default() };
+        let (mut uncertain, mut differ) = (0, 0);
+        for n in 0..3000 {
+            let [a, b] = manufactured(n, 150.0);
+            let answer = Lines::new(&field, Some(&pyramid)).ask(a, b, options).unwrap();
+            let (low, high) = (ask(&lowered, a, b), ask(&raised, a, b));
+            assert!(low <= answer.verdict && answer.verdict <= high, "{h}, line {n}: {a:?} {b:?} {answer:?}");
+            let exact = line_of_sight(&field, a, b, Options::default()).unwrap();
+            assert!(!answer.certain || answer == exact, "{h}, line {n}: {a:?} {b:?} {answer:?}");
+            uncertain += usize::from(!answer.certain);
+            differ += usize::from(answer.verdict != exact.verdict);
+        }
+        println!("tolerance {h}: {uncertain} of 3000 within it, {differ} unlike the exact ones");
+        assert_eq!(h > 0.0, uncertain > 0, "{uncertain} answers within {h}");
+    }
+    for bad in [-1.0, f64::NAN] {
+        let options = Options { precision: Precision::Tolerance(bad), ..Options::default() };
+        assert!(matches!(line_of_sight(&field, [1.0; 3], [2.0; 3], options), Err(LosError::BadTolerance(_))));
+    }
+}
+
+#[test]
+fn fast_answers_are_seldom_wrong_and_never_certain() {
+    let field = synthetic::fractal(300, 270, 5, 60).unwrap();
+    let pyramid = Pyramid::build(&field).unwrap();
+    for (precision, at_most) in [(Precision::F64, 60), (Precision::Fast, 300)] {
+        let options = Options { precision, ..Options::default() };
+        let mut wrong = 0;
+        for n in 0..6000 {
+            let [a, b] = manufactured(n, 268.0);
+            let answer = Lines::new(&field, Some(&pyramid)).ask(a, b, options).unwrap();
+            assert!(!answer.certain);
+            wrong += usize::from(answer.verdict != ask(&field, a, b));
+        }
+        println!("{precision}: {wrong} of 6000 wrong");
+        assert!(wrong <= at_most, "{precision}: {wrong} of 6000 wrong");
+    }
 }
 
 #[test]

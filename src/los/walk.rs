@@ -20,6 +20,7 @@ use sightline_proto::{
 };
 
 use super::{
+    Manner,
     pyramid::Pyramid,
     skip,
     surface::Face,
@@ -39,6 +40,8 @@ pub(super) struct Met {
     pub(super) unknown: bool,
     /// A known point on the line strictly between its ends.
     pub(super) contact: bool,
+    /// Something that was settled only within the tolerance.
+    pub(super) tolerated: bool,
 }
 
 impl Met {
@@ -97,11 +100,12 @@ pub(super) struct Walk<'a, H: HeightField + ?Sized> {
     pub(super) posts: Posts<'a, H>,
     pub(super) a: [f64; 3],
     pub(super) b: [f64; 3],
+    pub(super) manner: Manner,
 }
 
 impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
     pub(super) fn new(field: &'a H, a: [f64; 3], b: [f64; 3]) -> Self {
-        Self { posts: Posts::new(field), a, b }
+        Self { posts: Posts::new(field), a, b, manner: Manner::default() }
     }
 
     /// Decides crossings in a row; whether it is worth going on.
@@ -114,7 +118,8 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         met: &mut Met,
     ) -> Result<bool, ReadError> {
         for n in crossings {
-            match self.cross::<K>(sweep, n)? {
+            let found = if self.manner.fast { self.cross_fast(sweep, n) } else { self.cross::<K>(sweep, n) };
+            match found? {
                 Found::Known(Sign::Positive) | Found::Outside => continue,
                 Found::Known(Sign::Negative) => met.blocked = true,
                 Found::Known(Sign::Zero) => met.contact = true,
@@ -192,6 +197,23 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
             Some(sign) => Ok(Found::Known(sign)),
             None => self.cross_exactly::<K>(sweep, crossing),
         }
+    }
+
+    /// Decides crossing `n` in f32, which takes the height between two posts for what it is even at a post.
+    fn cross_fast(&mut self, sweep: &Sweep, n: i64) -> Result<Found, ReadError> {
+        let crossing = sweep.crossing_fast(n);
+        let (first, last) = sweep.family.posts(crossing.c, self.posts.grid());
+        if !(crossing.v >= first as f64 && crossing.v <= last as f64) {
+            return Ok(Found::Outside);
+        }
+        let v = crossing.v as i64;
+        let (p, q) = self.pair(sweep.family.post(crossing.c, v), sweep.family.post(crossing.c, (v + 1).min(last)))?;
+        if p.void || q.void {
+            return Ok(Found::Unknown);
+        }
+        let fraction = (crossing.v - v as f64) as f32;
+        let (from, to) = (p.z as f32, q.z as f32);
+        Ok(Found::Known(Sign::of(f64::from(crossing.z as f32 - (from + fraction * (to - from))))))
     }
 
     /// A crossing so close to a post that it may be on the post or on the edge to either side of it. The ground there

@@ -30,7 +30,7 @@ impl<T: ServedTerrain> LineOfSightService for Service<T> {
         let request = request.into_inner();
         let ends = [convert::end(request.a, "end a")?, convert::end(request.b, "end b")?];
         let (terrain, site) = (Arc::clone(&self.0.terrain), self.0.site);
-        let options = Options { strict: request.strict };
+        let options = Options { strict: request.strict, ..Options::default() };
         self.0.run(move || query(&*terrain, &site, ends, options, request.derive)).await?.map(Response::new)
     }
 
@@ -102,7 +102,7 @@ impl Batch {
         site: &Site,
     ) -> Result<v1::QueryLineOfSightBatchResponse, Status> {
         let range = first..self.len().min(first + CHUNK_LINES);
-        let options = Options { strict: self.request.strict };
+        let options = Options { strict: self.request.strict, ..Options::default() };
         let answer = |n: usize| -> Result<(v1::Verdict, bool), Status> {
             let named = |status: Status| Status::new(status.code(), format!("line {n}: {}", status.message()));
             let Some([a, b]) = resolve(terrain, site, self.ends(n)).map_err(named)? else {

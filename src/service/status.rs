@@ -34,7 +34,9 @@ impl IntoStatus for LosError {
     fn into_status(self) -> Status {
         match self {
             Self::Read(error) => error.into_status(),
-            Self::NotFinite { .. } | Self::OutOfRange { .. } => Status::invalid_argument(self.to_string()),
+            Self::NotFinite { .. } | Self::OutOfRange { .. } | Self::BadTolerance(_) => {
+                Status::invalid_argument(self.to_string())
+            }
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::{
     cli::{Failure, info},
     database::Database,
     exercise::{Altitude, Frame, Place, PlaceError, Site},
-    los::{self, LosError, Options, Verdict},
+    los::{self, Derived, Lines, LosError, Options, Precision, Pyramid, Verdict},
     terrain::{Georeference, ReadError},
 };
 
@@ -21,7 +21,7 @@ const SERVER_BATCH: usize = 50_000;
 pub(super) struct Manner {
     pub(super) frame: Frame,
     pub(super) altitude: Altitude,
-    pub(super) strict: bool,
+    pub(super) options: Options,
 }
 
 /// The infimum of the points below ground, seen from one end.
@@ -40,6 +40,8 @@ pub(super) struct Reply {
     /// Why it is UNKNOWN.
     pub(super) reason: Option<&'static str>,
     pub(super) grazes: bool,
+    /// Whether the verdict is exact.
+    pub(super) certain: bool,
     /// The ends in the grid frame; `None` when there is no ground to stand on.
     pub(super) resolved: Option<[[f64; 3]; 2]>,
     /// Length in plan.
@@ -60,17 +62,27 @@ pub(super) type Brief = (&'static str, bool);
 
 /// Whoever knows the terrain.
 pub(super) enum Asker {
-    Database(Box<Database>, Site),
+    /// With bounds of blocks where the precision can use them.
+    Database(Box<Database>, Site, Option<Pyramid>),
     Server(Client, tokio::runtime::Runtime),
 }
 
 impl Asker {
     /// A target with `://` is a server, any other a database.
-    pub(super) fn open(target: &str) -> Result<Self, Failure> {
+    pub(super) fn open(target: &str, precision: Precision) -> Result<Self, Failure> {
         if !target.contains("://") {
             let database = info::open(Path::new(target))?;
             let site = Site { scale: database.scale(), georeference: database.georeference() };
-            return Ok(Self::Database(Box::new(database), site));
+            let pyramid = match precision {
+                Precision::Tolerance(_) => {
+                    Some(Pyramid::build(&database).map_err(|e| place_failure(LosError::from(e).into()))?)
+                }
+                _ => None,
+            };
+            return Ok(Self::Database(Box::new(database), site, pyramid));
+        }
+        if precision != Precision::Exact {
+            return Err(Failure::Usage(format!("--precision {precision} needs a database: servers answer exactly")));
         }
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -83,10 +95,12 @@ impl Asker {
     /// Everything about one line.
     pub(super) fn ask(&self, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, Failure> {
         match self {
-            Self::Database(database, site) => ask_database(database, site, manner, ends).map_err(place_failure),
+            Self::Database(database, site, pyramid) => {
+                ask_database(database, site, pyramid.as_ref(), manner, ends).map_err(place_failure)
+            }
             Self::Server(client, runtime) => {
                 let [a, b] = ends.map(|end| Some(end_to_wire(manner, end)));
-                let request = v1::QueryLineOfSightRequest { a, b, strict: manner.strict, derive: true };
+                let request = v1::QueryLineOfSightRequest { a, b, strict: manner.options.strict, derive: true };
                 runtime.block_on(client.query(request)).map_err(client_failure).map(reply_from_wire)
             }
         }
@@ -99,8 +113,9 @@ impl Asker {
         manner: Manner,
         lines: &[[[f64; 3]; 2]],
     ) -> Option<Result<Vec<Reply>, (usize, Failure)>> {
-        let Self::Database(database, site) = self else { return None };
-        let replies: Vec<_> = lines.par_iter().map(|&ends| ask_database(database, site, manner, ends)).collect();
+        let Self::Database(database, site, pyramid) = self else { return None };
+        let ask = |&ends: &[[f64; 3]; 2]| ask_database(database, site, pyramid.as_ref(), manner, ends);
+        let replies: Vec<_> = lines.par_iter().map(ask).collect();
         let numbered = |(n, reply): (usize, Result<Reply, PlaceError>)| reply.map_err(|e| (n, place_failure(e)));
         Some(replies.into_iter().enumerate().map(numbered).collect())
     }
@@ -114,7 +129,7 @@ impl Asker {
             let request = v1::QueryLineOfSightBatchRequest {
                 frame: frame_to_wire(manner.frame).into(),
                 altitude: altitude_to_wire(manner.altitude).into(),
-                strict: manner.strict,
+                strict: manner.options.strict,
                 ax: column(0, 0),
                 ay: column(0, 1),
                 az: column(0, 2),
@@ -132,7 +147,13 @@ impl Asker {
     }
 }
 
-fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, PlaceError> {
+fn ask_database(
+    database: &Database,
+    site: &Site,
+    pyramid: Option<&Pyramid>,
+    manner: Manner,
+    ends: [[f64; 3]; 2],
+) -> Result<Reply, PlaceError> {
     let resolve = |position| {
         let place = Place { position, frame: manner.frame, altitude: manner.altitude };
         site.grid_from_place(database, &place, 0.0)
@@ -142,6 +163,7 @@ fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3
             verdict: Verdict::Unknown.name(),
             reason: Some(NO_GROUND),
             grazes: false,
+            certain: true,
             resolved: None,
             range_m: 0.0,
             sagitta_m: 0.0,
@@ -150,8 +172,12 @@ fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3
             least_clearance: None,
         });
     };
-    let answer = los::line_of_sight(database, a, b, Options { strict: manner.strict })?;
-    let derived = los::derive(database, a, b)?;
+    let answer = Lines::new(database, pyramid).ask(a, b, manner.options)?;
+    // Derived values are exact about where the line goes under; beside another verdict they would contradict it.
+    let derived = match manner.options.precision {
+        Precision::Exact => los::derive(database, a, b)?,
+        _ => Derived::default(),
+    };
     let scale = site.scale;
     let apart = |p: [f64; 3], q: [f64; 3]| {
         let [x, y, z] = [(q[0] - p[0]) * scale.east_m, (q[1] - p[1]) * scale.north_m, (q[2] - p[2]) * scale.up_m];
@@ -165,6 +191,7 @@ fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3
         verdict: answer.verdict.name(),
         reason: (answer.verdict == Verdict::Unknown).then_some(UNKNOWN_GROUND),
         grazes: answer.grazes,
+        certain: answer.certain,
         resolved: Some([a, b]),
         range_m,
         sagitta_m: site.georeference.map_or(0.0, |_| Georeference::sagitta_m(range_m)),
@@ -219,6 +246,7 @@ fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
             v1::UnknownReason::NoGround => Some(NO_GROUND),
         },
         grazes: response.grazes,
+        certain: true,
         resolved: response.resolved.map(|segment| [point(segment.a), point(segment.b)]),
         range_m: response.range_m,
         sagitta_m: response.sagitta_m,

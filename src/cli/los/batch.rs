@@ -21,7 +21,7 @@ const COLUMNS: [&str; 6] = ["ax", "ay", "az", "bx", "by", "bz"];
 /// units.
 const ANSWERS: &str = "verdict,grazes,range_m,sagitta_m,\
     first_from_a_x,first_from_a_y,first_from_a_z,first_from_a_range_m,\
-    first_from_b_x,first_from_b_y,first_from_b_z,first_from_b_range_m,least_clearance";
+    first_from_b_x,first_from_b_y,first_from_b_z,first_from_b_range_m,least_clearance,certain";
 /// Those appended by a server, which answers batches in brief.
 const BRIEF_ANSWERS: &str = "verdict,grazes";
 
@@ -191,6 +191,7 @@ fn columns(reply: &Reply) -> String {
         obstruction(reply.first_from_a),
         obstruction(reply.first_from_b),
         reply.least_clearance.map_or(String::new(), |c| c.to_string()),
+        reply.certain.to_string(),
     ]
     .join(",")
 }

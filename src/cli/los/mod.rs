@@ -9,7 +9,10 @@ use serde_json::{Value, json};
 
 use self::ask::{Asker, Manner, Obstruction, Reply};
 use super::{Context, Failure, args::Point};
-use crate::exercise::{Altitude, Frame};
+use crate::{
+    exercise::{Altitude, Frame},
+    los::{Options, Precision},
+};
 
 /// A sagitta above which the flat frame deserves a warning, in metres.
 const WARN_SAGITTA_M: f64 = 1.0;
@@ -45,6 +48,10 @@ pub(super) struct Args {
     /// Whether touching the ground between the ends blocks, too.
     #[arg(long)]
     strict: bool,
+    /// How certain verdicts are: exact; f64 or fast (f32), wrong near ties; tolerance:H, which answers from bounds of
+    /// blocks what cannot be wrong by more than H height units. All but exact need a database, and derive nothing.
+    #[arg(long, value_name = "PRECISION", default_value_t = Precision::Exact)]
+    precision: Precision,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -72,11 +79,11 @@ impl Args {
                 AltitudeName::Absolute => Altitude::Absolute,
                 AltitudeName::Agl => Altitude::AboveGround,
             },
-            strict: self.strict,
+            options: Options { strict: self.strict, precision: self.precision },
         };
         match (self.from, self.to, &self.batch) {
             (Some(Point(a)), Some(Point(b)), None) => {
-                let reply = Asker::open(&self.target)?.ask(manner, [a, b])?;
+                let reply = Asker::open(&self.target, self.precision)?.ask(manner, [a, b])?;
                 warn_of_curvature(context, &reply);
                 if context.json {
                     println!("{:#}", document(&reply));
@@ -85,9 +92,14 @@ impl Args {
                 }
                 Ok(())
             }
-            (None, None, Some(input)) => {
-                batch::run(context, &Asker::open(&self.target)?, manner, input, &self.output, self.force)
-            }
+            (None, None, Some(input)) => batch::run(
+                context,
+                &Asker::open(&self.target, self.precision)?,
+                manner,
+                input,
+                &self.output,
+                self.force,
+            ),
             _ => Err(Failure::Usage("give either --from and --to, or --batch".into())),
         }
     }
@@ -109,6 +121,7 @@ fn document(reply: &Reply) -> Value {
         "verdict": reply.verdict,
         "reason": reply.reason,
         "grazes": reply.grazes,
+        "certain": reply.certain,
         "resolved": reply.resolved.map(|[a, b]| json!({ "a": a, "b": b })),
         "range_m": reply.range_m,
         "sagitta_m": reply.sagitta_m,
@@ -124,6 +137,9 @@ fn text(reply: &Reply) -> String {
         (_, Some(reason)) => format!("{}: {reason}", reply.verdict),
         _ => reply.verdict.to_owned(),
     }];
+    if !reply.certain {
+        lines.push("not certain: see --precision".into());
+    }
     if let Some([a, b]) = reply.resolved {
         lines.push(format!("from      {} in the grid frame", triple(a)));
         lines.push(format!("to        {}", triple(b)));
