@@ -107,6 +107,50 @@ fn damage_is_status_1_and_what_is_no_database_is_status_3() {
 }
 
 #[test]
+fn a_check_writes_nothing_and_its_status_says_whether_something_is_suspicious() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let sound = sightline(&["ingest", "--check", input.to_str().unwrap(), "--quiet"]);
+    assert_eq!((status(&sound), text(&sound.stderr)), (0, ""));
+    let folder = tempfile::tempdir().unwrap();
+    let plain = folder.path().join("plain.asc");
+    let grid = |z: i32| format!("ncols 3\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2 3\n4 {z} 6\n7 8 9\n");
+    for (z, expected) in [(5, 0), (80, 1), (-9999, 1)] {
+        fs::write(&plain, grid(z)).unwrap();
+        let name = plain.to_str().unwrap();
+        // Nothing is void by default but what the option says, so that -9999 is a height.
+        let output = sightline(&["ingest", "--check", name, "--nodata=-1", "--json", "--quiet"]);
+        assert_eq!(status(&output), expected, "{z}: {}", text(&output.stderr));
+        let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(found["suspicious"].as_bool(), Some(expected == 1), "{z}");
+        let words = sightline(&["ingest", "--check", name, "--nodata=-1"]);
+        assert_eq!(text(&words.stdout).contains("post (1, 1) at (15.000000, 15.000000): "), expected == 1, "{z}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    let both = sightline(&["ingest", "--check", plain.to_str().unwrap(), "-o", "x.sldb"]);
+    assert_eq!(status(&both), 2);
+}
+
+#[test]
+fn a_coloured_picture_is_ingested_only_as_what_it_is_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("tile.png");
+    let mut encoder = png::Encoder::new(fs::File::create(&path).unwrap(), 2, 2);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().unwrap().write_image_data(&[128, 7, 0].repeat(4)).unwrap();
+    let (input, output) = (path.to_str().unwrap(), folder.path().join("it.sldb"));
+    let db = output.to_str().unwrap();
+    let refused = sightline(&["ingest", input, "-o", db]);
+    assert_eq!(status(&refused), 3);
+    assert!(text(&refused.stderr).contains("--png terrarium"), "{}", text(&refused.stderr));
+    assert_eq!(status(&sightline(&["ingest", input, "-o", db, "--png", "gray16"])), 3);
+    assert_eq!(status(&sightline(&["ingest", input, "-o", db, "--png", "terrarium", "--quiet"])), 0);
+    let info = sightline(&["info", db, "--json"]);
+    let info: serde_json::Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert_eq!((info["highest_m"].as_f64(), info["unit_m"].as_f64()), (Some(7.0), Some(1.0 / 256.0)));
+}
+
+#[test]
 fn bad_input_and_usage_have_their_own_statuses() {
     let folder = tempfile::tempdir().unwrap();
     let input = sample(folder.path());

@@ -162,3 +162,38 @@ fn files_of_other_kinds_are_told_by_name() {
     assert_eq!(try_read(&folder.put("a.asc", tiff), 64), Ok(()));
     assert_eq!(try_read(&folder.put("a.tif", asc()), 64), Ok(()));
 }
+
+/// What the fuzz targets keep, by the names under which they read it.
+#[test]
+fn the_kept_corpus_of_each_reader_is_errors_or_rasters() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/corpus");
+    let targets = [
+        ("dem_ascii", "grid.asc"),
+        ("dem_dted", "cell.dt1"),
+        ("dem_geotiff", "raster.tif"),
+        ("dem_hgt", "N44W072.hgt.zip"),
+        ("dem_png", "terrarium.png"),
+        ("dem_raw", "grid.bil"),
+        ("dem_usgs", "quad.dem"),
+    ];
+    let folder = Folder::new();
+    for (target, name) in targets {
+        let mut read = 0;
+        for entry in std::fs::read_dir(corpus.join(target)).unwrap() {
+            let path = entry.unwrap().path();
+            let mut content = std::fs::read(&path).unwrap();
+            if target == "dem_raw" {
+                // A length of two bytes, and so many of the header.
+                let Some((length, rest)) = content.split_first_chunk::<2>() else { continue };
+                let Some((header, samples)) = rest.split_at_checked(u16::from_le_bytes(*length).into()) else {
+                    continue;
+                };
+                folder.put("grid.hdr", header);
+                content = samples.to_vec();
+            }
+            let put = folder.put(name, content);
+            without_panics(&path.display().to_string(), || read += u32::from(try_read(&put, 64).is_ok()));
+        }
+        assert!(read > 0, "{target}: the samples that it starts from can be read");
+    }
+}
