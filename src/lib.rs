@@ -8,8 +8,9 @@
 //!
 //! [`terrain`] (the finest surface), [`wedgie`] (error bounds), [`view`] (cameras and screen distortion), [`dem`]
 //! (elevation files), [`database`] (one immutable file), [`los`] (exact lines of sight), [`roam`] (refinement and
-//! sight-line requirements), [`lod`] (other systems, for comparison), [`exercise`] (entities, sight lines, epochs), [`session`] (a view's life), [`evaluate`]
-//! (flights, consistency), [`store`] (where exercises are kept), [`service`] (gRPC), [`cli`] (the verbs).
+//! sight-line requirements), [`lod`] (other systems, for comparison), [`exercise`] (entities, sight lines, epochs),
+//! [`session`] (a view's life), [`evaluate`] (flights, consistency), [`store`] (where exercises are kept), [`service`]
+//! (gRPC), [`cli`] (the verbs).
 
 pub mod cli;
 pub mod database;
