@@ -3,6 +3,7 @@
 use std::{path::Path, str::FromStr};
 
 use super::Failure;
+use crate::exercise::{Altitude, Frame};
 
 /// `X,Y,Z` on the command line.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -33,4 +34,48 @@ pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Failure> {
         return Err(Failure::Environment(format!("{} exists; give --force to replace it", path.display())));
     }
     Ok(())
+}
+
+/// How the positions on a command line, or in a file that it names, are meant.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Positions {
+    /// The frame of positions: posts and height units; the elevation model's own reference system and metres; or
+    /// longitude, latitude and metres.
+    #[arg(long, value_enum, default_value_t = Coords::Map)]
+    coords: Coords,
+    /// What the third number means: above the vertical datum, or above ground level.
+    #[arg(long, value_enum, default_value_t = AltitudeName::Absolute)]
+    altitude: AltitudeName,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Coords {
+    Grid,
+    Map,
+    Geographic,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum AltitudeName {
+    Absolute,
+    Agl,
+}
+
+impl Positions {
+    /// The frame.
+    pub fn frame(self) -> Frame {
+        match self.coords {
+            Coords::Grid => Frame::Grid,
+            Coords::Map => Frame::Map,
+            Coords::Geographic => Frame::Geographic,
+        }
+    }
+
+    /// What the third number means.
+    pub fn altitude(self) -> Altitude {
+        match self.altitude {
+            AltitudeName::Absolute => Altitude::Absolute,
+            AltitudeName::Agl => Altitude::AboveGround,
+        }
+    }
 }

@@ -96,15 +96,11 @@ impl Raster for AsciiGrid {
         &self.info
     }
 
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        let nx = self.info.nx as usize;
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(nx)) {
-            let from_north = self.info.ny - 1 - j;
-            self.hold((from_north / self.band_rows) as usize)?;
-            let start = (from_north % self.band_rows) as usize * nx;
-            row.copy_from_slice(&self.values[start..start + nx]);
-        }
+    fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
+        let from_north = self.info.ny - 1 - j;
+        self.hold((from_north / self.band_rows) as usize)?;
+        let start = (from_north % self.band_rows) as usize * out.len();
+        out.copy_from_slice(&self.values[start..start + out.len()]);
         Ok(())
     }
 }

@@ -159,23 +159,6 @@ impl Dted {
         Ok(())
     }
 
-    fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
-        let band = j / self.band_rows;
-        self.hold(band)?;
-        let south = band * self.band_rows;
-        let meridian_bytes = self.band_rows.min(self.info.ny - south) as usize * 2;
-        let at = (j - south) as usize * 2;
-        for ((i, out), samples) in (0..).zip(out).zip(self.band.chunks_exact(meridian_bytes)) {
-            let height = sign_magnitude([samples[at], samples[at + 1]]);
-            *out = match f64::from(height) {
-                metres if height == VOID || self.nodata == Some(metres) => f64::NAN,
-                metres if RANGE_M.contains(&height) => metres,
-                _ => return Err(self.out_of_range(i, j, height)),
-            };
-        }
-        Ok(())
-    }
-
     fn out_of_range(&self, i: u32, j: u32, height: i32) -> DemError {
         let detail = format!(
             "the height at post ({i}, {j}) is {height}, beyond the format's -12000 to 9000 m; negative heights seem to \
@@ -191,10 +174,19 @@ impl Raster for Dted {
         &self.info
     }
 
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
+    fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
+        let band = j / self.band_rows;
+        self.hold(band)?;
+        let south = band * self.band_rows;
+        let meridian_bytes = self.band_rows.min(self.info.ny - south) as usize * 2;
+        let at = (j - south) as usize * 2;
+        for ((i, out), samples) in (0..).zip(out).zip(self.band.chunks_exact(meridian_bytes)) {
+            let height = sign_magnitude([samples[at], samples[at + 1]]);
+            *out = match f64::from(height) {
+                metres if height == VOID || self.nodata == Some(metres) => f64::NAN,
+                metres if RANGE_M.contains(&height) => metres,
+                _ => return Err(self.out_of_range(i, j, height)),
+            };
         }
         Ok(())
     }

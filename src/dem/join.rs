@@ -58,6 +58,12 @@ impl Join {
         let overlap = Overlap::new(parts.len() as u32, info.nx, info.ny);
         Ok(Self { row: vec![0.0; info.nx as usize], info, parts, overlap })
     }
+}
+
+impl Raster for Join {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         out.fill(f64::NAN);
@@ -74,20 +80,6 @@ impl Join {
             }
         }
         self.overlap.end_row(j);
-        Ok(())
-    }
-}
-
-impl Raster for Join {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
-        }
         Ok(())
     }
 

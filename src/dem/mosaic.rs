@@ -124,6 +124,12 @@ impl Mosaic {
         let first = if j.is_multiple_of(self.cells) { (j / self.cells).saturating_sub(1) } else { j / self.cells };
         first..=(j / self.cells).min(last)
     }
+}
+
+impl Raster for Mosaic {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let rows = self.tile_rows(j);
@@ -144,20 +150,6 @@ impl Mosaic {
             }
         }
         self.overlap.end_row(j);
-        Ok(())
-    }
-}
-
-impl Raster for Mosaic {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
-        }
         Ok(())
     }
 

@@ -132,6 +132,12 @@ impl Picture {
         self.held = Some(band);
         Ok(())
     }
+}
+
+impl Raster for Picture {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let from_north = self.info.ny - 1 - j;
@@ -141,20 +147,6 @@ impl Picture {
         for (out, pixel) in out.iter_mut().zip(self.band[start..start + row_bytes].chunks_exact(self.pixel)) {
             let height = height_m(self.heights, pixel);
             *out = if self.nodata.is_void(height) { f64::NAN } else { height };
-        }
-        Ok(())
-    }
-}
-
-impl Raster for Picture {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
         }
         Ok(())
     }

@@ -100,13 +100,21 @@ pub trait Raster: Send {
     /// What is known of the raster.
     fn info(&self) -> &RasterInfo;
 
-    /// Reads `out.len() / nx` whole rows from row `j0` (0 is the southernmost) into `out`, row-major, south row first.
+    /// Reads row `j` (0 is the southernmost) into `out`, which is nx long, west to east.
     ///
     /// Heights are in metres, finite and at most [`MAX_HEIGHT_M`] from 0; NaN is void.
+    fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError>;
+
+    /// Reads `out.len() / nx` whole rows from row `j0` into `out`, row-major, south row first; see
+    /// [`Raster::read_row`].
     ///
     /// # Panics
     /// When `out` is not a whole number of rows within the raster: that is the caller's defect, not the input's.
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError>;
+    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
+        self.info().assert_rows(j0, out);
+        let nx = self.info().nx as usize;
+        (j0..).zip(out.chunks_exact_mut(nx)).try_for_each(|(j, row)| self.read_row(j, row))
+    }
 
     /// What the tiles' overlaps showed in the rows read so far; `None` when there is only one file.
     fn seams(&self) -> Option<SeamReport> {

@@ -95,22 +95,19 @@ impl Raster for UsgsDem {
         &self.info
     }
 
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            for ((i, out), profile) in (0..).zip(row).zip(&self.profiles) {
-                let sample = j.checked_sub(profile.south).and_then(|n| profile.samples.get(n as usize));
-                let Some(sample) = sample.map(|s| f64::from(*s)).filter(|s| !self.nodata.is_void(*s)) else {
-                    *out = f64::NAN;
-                    continue;
-                };
-                let height = (sample * self.resolution + profile.datum) * self.file_unit_m;
-                // A datum that is no number fails here too.
-                if height.is_nan() || height.abs() > MAX_HEIGHT_M {
-                    return Err(DemError::ImpossibleHeight { path: self.path.clone(), i, j, height });
-                }
-                *out = height;
+    fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
+        for ((i, out), profile) in (0..).zip(out).zip(&self.profiles) {
+            let sample = j.checked_sub(profile.south).and_then(|n| profile.samples.get(n as usize));
+            let Some(sample) = sample.map(|s| f64::from(*s)).filter(|s| !self.nodata.is_void(*s)) else {
+                *out = f64::NAN;
+                continue;
+            };
+            let height = (sample * self.resolution + profile.datum) * self.file_unit_m;
+            // A datum that is no number fails here too.
+            if height.is_nan() || height.abs() > MAX_HEIGHT_M {
+                return Err(DemError::ImpossibleHeight { path: self.path.clone(), i, j, height });
             }
+            *out = height;
         }
         Ok(())
     }

@@ -8,11 +8,11 @@ use std::path::PathBuf;
 use serde_json::{Value, json};
 
 use self::ask::{Asker, Manner, Obstruction, Reply};
-use super::{Context, Failure, args::Point};
-use crate::{
-    exercise::{Altitude, Frame},
-    los::{Options, Precision},
+use super::{
+    Context, Failure,
+    args::{Point, Positions},
 };
+use crate::los::{Options, Precision};
 
 /// A sagitta above which the flat frame deserves a warning, in metres.
 const WARN_SAGITTA_M: f64 = 1.0;
@@ -38,13 +38,8 @@ pub(super) struct Args {
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
-    /// The frame of the ends: posts and height units; the elevation model's own reference system and metres; or
-    /// longitude, latitude and metres.
-    #[arg(long, value_enum, default_value_t = Coords::Map)]
-    coords: Coords,
-    /// What the third number means: above the vertical datum, or above ground level.
-    #[arg(long, value_enum, default_value_t = AltitudeName::Absolute)]
-    altitude: AltitudeName,
+    #[command(flatten)]
+    positions: Positions,
     /// Whether touching the ground between the ends blocks, too.
     #[arg(long)]
     strict: bool,
@@ -54,31 +49,11 @@ pub(super) struct Args {
     precision: Precision,
 }
 
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum Coords {
-    Grid,
-    Map,
-    Geographic,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum AltitudeName {
-    Absolute,
-    Agl,
-}
-
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let manner = Manner {
-            frame: match self.coords {
-                Coords::Grid => Frame::Grid,
-                Coords::Map => Frame::Map,
-                Coords::Geographic => Frame::Geographic,
-            },
-            altitude: match self.altitude {
-                AltitudeName::Absolute => Altitude::Absolute,
-                AltitudeName::Agl => Altitude::AboveGround,
-            },
+            frame: self.positions.frame(),
+            altitude: self.positions.altitude(),
             options: Options { strict: self.strict, precision: self.precision },
         };
         match (self.from, self.to, &self.batch) {

@@ -16,14 +16,14 @@ use serde_json::json;
 use self::export::{Format, Surface};
 use super::{
     Context, Failure,
-    args::{self, Point},
+    args::{self, Point, Positions},
     info,
     los::batch,
 };
 use crate::{
     database::Database,
     evaluate::flight,
-    exercise::{Altitude, Frame, Place, Site},
+    exercise::{Place, Site},
     los::{self, Options},
     roam::{Fidelity, MeshError, MeshReport, RequiredLine, Target, ViewMesh},
     view::{Camera, Projection},
@@ -75,13 +75,8 @@ pub(super) struct Args {
     /// What is asked of the lines: the right answer; no unsplit triangle whose wedgie they meet; or full detail below.
     #[arg(long, value_enum, default_value_t = FidelityName::Verdict, requires = "lines")]
     fidelity: FidelityName,
-    /// The frame of eye, look and lines: posts and height units; the elevation model's own reference system and metres;
-    /// or longitude, latitude and metres.
-    #[arg(long, value_enum, default_value_t = Coords::Map)]
-    coords: Coords,
-    /// What their third number means: above the vertical datum, or above ground level.
-    #[arg(long, value_enum, default_value_t = AltitudeName::Absolute)]
-    altitude: AltitudeName,
+    #[command(flatten)]
+    positions: Positions,
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
@@ -92,19 +87,6 @@ enum FidelityName {
     Verdict,
     Wedgie,
     Profile,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum Coords {
-    Grid,
-    Map,
-    Geographic,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum AltitudeName {
-    Absolute,
-    Agl,
 }
 
 /// `WxH` on the command line.
@@ -169,15 +151,7 @@ impl Args {
 
     /// A point of the command line or a file in the grid frame; `None` over unknown ground.
     fn grid_from_point(&self, database: &Database, position: [f64; 3]) -> Result<Option<[f64; 3]>, Failure> {
-        let frame = match self.coords {
-            Coords::Grid => Frame::Grid,
-            Coords::Map => Frame::Map,
-            Coords::Geographic => Frame::Geographic,
-        };
-        let altitude = match self.altitude {
-            AltitudeName::Absolute => Altitude::Absolute,
-            AltitudeName::Agl => Altitude::AboveGround,
-        };
+        let (frame, altitude) = (self.positions.frame(), self.positions.altitude());
         let site = Site { scale: database.scale(), georeference: database.georeference() };
         let place = Place { position, frame, altitude };
         site.grid_from_place(database, &place, 0.0).map_err(|error| Failure::Input(error.to_string()))

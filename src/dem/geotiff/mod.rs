@@ -120,6 +120,12 @@ impl GeoTiff {
         self.held = Some(band);
         Ok(())
     }
+}
+
+impl Raster for GeoTiff {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let from_north = (self.info.ny - 1 - j) as usize;
@@ -140,20 +146,6 @@ impl GeoTiff {
                 return Err(DemError::ImpossibleHeight { path: self.path.clone(), i, j, height: *height });
             }
             *height = metres;
-        }
-        Ok(())
-    }
-}
-
-impl Raster for GeoTiff {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
         }
         Ok(())
     }

@@ -68,6 +68,12 @@ impl RawRaster {
         let info = RasterInfo { format, nx, ny, georeference, unit_m, notes };
         Ok(Self { path: path.to_owned(), info, header, nodata, file: None, row: Vec::new() })
     }
+}
+
+impl Raster for RawRaster {
+    fn info(&self) -> &RasterInfo {
+        &self.info
+    }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let io = |e| DemError::io(&self.path, &e);
@@ -97,20 +103,6 @@ impl RawRaster {
             } else if height.abs() > MAX_HEIGHT_M {
                 return Err(DemError::ImpossibleHeight { path: self.path.clone(), i, j, height: *height });
             }
-        }
-        Ok(())
-    }
-}
-
-impl Raster for RawRaster {
-    fn info(&self) -> &RasterInfo {
-        &self.info
-    }
-
-    fn read_rows(&mut self, j0: u32, out: &mut [f64]) -> Result<(), DemError> {
-        self.info.assert_rows(j0, out);
-        for (j, row) in (j0..).zip(out.chunks_exact_mut(self.info.nx as usize)) {
-            self.read_row(j, row)?;
         }
         Ok(())
     }

@@ -3,20 +3,9 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
 };
 
-fn sightline(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
-}
-
-fn status(output: &Output) -> i32 {
-    output.status.code().expect("the program ends by itself")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is UTF-8")
-}
+use super::{program, sightline, status, text};
 
 /// An Esri ASCII grid of 70 x 66 posts of which two are void.
 fn sample(folder: &Path) -> PathBuf {
@@ -190,10 +179,8 @@ fn an_ingest_that_is_killed_leaves_the_old_database_or_the_new() {
     let mut kept = 0;
     for delay in 0..30 {
         fs::write(&output, &old).unwrap();
-        let mut ingest = Command::new(env!("CARGO_BIN_EXE_sightline"))
-            .args(["ingest", input, "-o", db, "--unit", "0.25", "--force", "--quiet"])
-            .spawn()
-            .unwrap();
+        let mut ingest =
+            program().args(["ingest", input, "-o", db, "--unit", "0.25", "--force", "--quiet"]).spawn().unwrap();
         std::thread::sleep(std::time::Duration::from_micros(delay * 1000));
         ingest.kill().unwrap();
         ingest.wait().unwrap();

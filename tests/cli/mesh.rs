@@ -1,18 +1,8 @@
 //! The verb `mesh` as a user meets it: files, words, exit statuses, JSON.
 
-use std::{
-    fs,
-    path::Path,
-    process::{Command, Output},
-};
+use std::{fs, path::Path};
 
-fn sightline(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
-}
-
-fn status(output: &Output) -> i32 {
-    output.status.code().expect("the program ends by itself")
-}
+use super::{sightline, status};
 
 /// A database of 70 x 66 posts, 10 m apart, with its south-west post at (1005, 2005).
 fn database(folder: &Path) -> String {

@@ -4,14 +4,10 @@ use std::{
     fs,
     io::{BufRead, BufReader},
     path::Path,
-    process::{Child, Command, Output, Stdio},
+    process::{Child, Command, Stdio},
 };
 
-const PROGRAM: &str = env!("CARGO_BIN_EXE_sightline");
-
-fn sightline(args: &[&str]) -> Output {
-    Command::new(PROGRAM).args(args).output().expect("the program starts")
-}
+use super::{program, sightline};
 
 /// A database of a small grid in `folder`.
 fn database(folder: &Path) -> String {
@@ -36,7 +32,7 @@ impl Drop for Server {
 impl Server {
     /// Starts it on a free port; returns its address too.
     fn start(database: &str) -> (Self, String) {
-        let child = Command::new(PROGRAM)
+        let child = program()
             .args(["serve", database, "--listen", "127.0.0.1:0", "--json"])
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
@@ -83,7 +79,7 @@ fn signals_stop_it_in_order() {
     let database = database(folder.path());
     for signal in ["-TERM", "-INT"] {
         let (mut server, _) = Server::start(&database);
-        let told = Command::new("kill").args([signal, &server.0.id().to_string()]).status().unwrap();
+        let told = Command::new("/bin/sh").args(["-c", &format!("kill {signal} {}", server.0.id())]).status().unwrap();
         assert!(told.success());
         assert_eq!(server.0.wait().unwrap().code(), Some(0), "{signal}");
     }

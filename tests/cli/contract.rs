@@ -1,9 +1,8 @@
 //! The command line is one contract: this table and `--help` name the same verbs and the same options.
 
-use std::{
-    collections::BTreeSet,
-    process::{Command, Output},
-};
+use std::collections::BTreeSet;
+
+use super::sightline;
 
 /// Options of every verb.
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
@@ -28,10 +27,6 @@ const VERBS: [(&str, &str, &str); 9] = [
     ),
     ("demo", "", "--exit --listen -o"),
 ];
-
-fn sightline(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
-}
 
 fn help(args: &[&str]) -> String {
     let output = sightline(args);

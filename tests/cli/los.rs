@@ -3,20 +3,9 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
 };
 
-fn sightline(args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sightline")).args(args).output().expect("the program starts")
-}
-
-fn status(output: &Output) -> i32 {
-    output.status.code().expect("the program ends by itself")
-}
-
-fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).expect("output is UTF-8")
-}
+use super::{sightline, status, text};
 
 /// A database of 9 x 5 posts, 10 m apart from (100, 200): flat but for a ridge 4 m high along x = 140, with a void post
 /// in the north-east corner.
