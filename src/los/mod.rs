@@ -5,11 +5,11 @@
 //! point of AB is over an unknown point (a point is known when all posts of the smallest face that contains it are in
 //! the grid and not void). **Visible**: otherwise; contact does not block. So A sees B exactly when B sees A.
 //!
-//! On one triangle the line and the surface are linear, so the ends of each chord decide: the ends of AB ([`surface`])
-//! and the crossings of AB with the four families of edge lines ([`sweep`], [`walk`]). Nothing here sees a database:
+//! On one triangle the line and the surface are linear, so the ends of each chord decide: the ends of AB (`surface`)
+//! and the crossings of AB with the four families of edge lines (`sweep`, `walk`). Nothing here sees a database:
 //! heights come through [`HeightField`], and what could not be read is an error, never a verdict.
 //!
-//! Which points obstruct, how deep and how near ([`witnesses`], [`derive`]) is told by [`profile`].
+//! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `profile`.
 //!
 //! A [`Pyramid`] of block bounds lets [`Lines`] pass over what is clear of them, and changes no answer.
 //!

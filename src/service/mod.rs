@@ -1,7 +1,7 @@
 //! The gRPC services: conversion, limits, status codes. The only module with sockets beside `cli`.
 //!
 //! Network threads only pass messages on: what computes or reads runs on blocking threads, at most
-//! [`Shared::compute`] at a time, and many lines at once on rayon's pool. A view is one task that owns one
+//! `Shared::compute` at a time, and many lines at once on rayon's pool. A view is one task that owns one
 //! [`crate::session::View`] and hands frames over one at a time, so a slow client holds one frame and no queue.
 //! Nothing here decides anything about terrain, exercises or meshes.
 
