@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     dem::{DemError, Raster, SeamReport},
-    terrain::{Georeference, Grid, GridError, PAGE_SIDE, ReadError, SceneScale},
+    terrain::{Grid, GridError, PAGE_SIDE, ReadError, SceneScale},
     wedgie::{BoundsPhase, BoundsPyramid},
 };
 
@@ -162,7 +162,7 @@ pub fn ingest(
         tell(Stage::Filling, 0);
         fill_voids(&mut field);
     }
-    let georeference = is_placed(&info.georeference).then_some(info.georeference);
+    let georeference = info.georeference.is_placed().then_some(info.georeference);
     let scale = match georeference {
         Some(place) => place.scene_scale(info.nx, info.ny, unit_m),
         None => SceneScale { up_m: unit_m, ..SceneScale::UNIT },
@@ -193,11 +193,6 @@ pub fn ingest(
         tell(Stage::Writing, done);
     })?;
     Ok(Ingested { written, posts: total, void_posts, unit_m, seams })
-}
-
-/// Whether a raster says where it lies: readers give origin 0 and steps of 1 when it does not.
-fn is_placed(place: &Georeference) -> bool {
-    place.epsg.is_some() || place.geographic || place.origin != [0.0; 2] || place.step != [1.0; 2]
 }
 
 /// Reads and quantises all rows; the field, voids at 0, and the number of voids.
@@ -248,7 +243,7 @@ mod tests {
     use crate::{
         database::{Database, OpenOptions, verify},
         dem::RasterInfo,
-        terrain::{HeightField, Posts},
+        terrain::{Georeference, HeightField, Posts},
     };
     use sightline_proto::diamond::Post;
 
