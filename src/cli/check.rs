@@ -19,7 +19,7 @@ pub(super) fn run(raster: &mut dyn Raster, context: &Context) -> Result<(), Fail
     progress.finish();
     let found = found.map_err(dem_failure)?;
     if context.json {
-        println!("{:#}", document(&found));
+        outln!("{:#}", document(&found));
     } else {
         tell(&found, raster);
     }
@@ -62,22 +62,25 @@ fn tell(found: &CheckReport, raster: &dyn Raster) {
         format!("post ({i}, {j}) at ({x:.6}, {y:.6})")
     };
     let share = 100.0 * found.void_posts as f64 / found.posts as f64;
-    println!("{} posts, {} of them void ({share:.2} %)", found.posts, found.void_posts);
+    outln!("{} posts, {} of them void ({share:.2} %)", found.posts, found.void_posts);
     if let Some([lowest, highest]) = found.extremes {
-        println!("lowest {} m, {}", lowest.height_m, at(lowest.i, lowest.j));
-        println!("highest {} m, {}", highest.height_m, at(highest.i, highest.j));
+        outln!("lowest {} m, {}", lowest.height_m, at(lowest.i, lowest.j));
+        outln!("highest {} m, {}", highest.height_m, at(highest.i, highest.j));
     }
     if let Some(seams) = found.seams {
         tell_seams(&seams);
     }
-    println!(
+    outln!(
         "{} spikes above and {} below their neighbours, {} heights out of the Earth's range, {} of -9999 m",
-        found.spikes, found.pits, found.out_of_range, found.marks
+        found.spikes,
+        found.pits,
+        found.out_of_range,
+        found.marks
     );
     for f in &found.findings {
-        println!("{}: {} m, {}", at(f.i, f.j), f.height_m, f.suspicion.words());
+        outln!("{}: {} m, {}", at(f.i, f.j), f.height_m, f.suspicion.words());
     }
     if found.suspicious_posts() > MAX_FINDINGS as u64 {
-        println!("and {} more", found.suspicious_posts() - MAX_FINDINGS as u64);
+        outln!("and {} more", found.suspicious_posts() - MAX_FINDINGS as u64);
     }
 }

@@ -62,7 +62,7 @@ impl Args {
         let started = Instant::now();
         let remark = |text: String| {
             if !context.quiet {
-                eprintln!("{text}");
+                errln!("{text}");
             }
         };
         std::fs::create_dir_all(&self.output)
@@ -123,17 +123,17 @@ impl Args {
             let mut document = report::document(plan, outcome, database);
             document["address"] = address.into();
             document["pictures"] = self.output.display().to_string().into();
-            println!("{document:#}");
+            outln!("{document:#}");
             return;
         }
-        print!("{}", report::table(plan, outcome));
-        println!("{seconds:.1} s from start to result; pictures are in {}:", self.output.display());
+        out!("{}", report::table(plan, outcome));
+        outln!("{seconds:.1} s from start to result; pictures are in {}:", self.output.display());
         for client in &plan.clients {
             let last = plan.frames - 1;
-            println!("  {0}-{last:04}-view.png, {0}-{last:04}-above.png", client.name);
+            outln!("  {0}-{last:04}-view.png, {0}-{last:04}-above.png", client.name);
         }
-        println!("  sight-lines.png");
-        println!(
+        outln!("  sight-lines.png");
+        outln!(
             "try: sightline view {address} -o {} --exercise {EXERCISE} --flight orbit",
             self.output.join("mine").display()
         );

@@ -42,9 +42,9 @@ impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let database = open(&self.database)?;
         if context.json {
-            println!("{:#}", self.document(&database));
+            outln!("{:#}", self.document(&database));
         } else {
-            print!("{}", self.text(&database));
+            out!("{}", self.text(&database));
         }
         Ok(())
     }

@@ -108,8 +108,8 @@ impl Args {
         scan.finish();
         let info = raster.info().clone();
         if !context.quiet {
-            eprintln!("{} x {} posts, {}", info.nx, info.ny, info.format);
-            info.notes.iter().for_each(|note| eprintln!("note: {note}"));
+            errln!("{} x {} posts, {}", info.nx, info.ny, info.format);
+            info.notes.iter().for_each(|note| errln!("note: {note}"));
         }
         let Some(output) = &self.output else { return super::check::run(&mut *raster, context) };
         let options = IngestOptions {
@@ -144,7 +144,7 @@ fn report(context: &Context, output: &Path, done: &Ingested, seconds: f64) {
             "void_posts": done.void_posts, "unit_m": done.unit_m, "bytes": done.written.file_bytes,
             "bytes_per_post": bytes_per_post, "seconds": seconds, "seams": seams,
         });
-        println!("{document:#}");
+        outln!("{document:#}");
         return;
     }
     if let Some(seams) = done.seams {
@@ -152,9 +152,9 @@ fn report(context: &Context, output: &Path, done: &Ingested, seconds: f64) {
     }
     if done.void_posts > 0 {
         let share = 100.0 * done.void_posts as f64 / done.posts as f64;
-        println!("{} posts are void ({share:.2} %): filled for drawing, unknown to lines of sight", done.void_posts);
+        outln!("{} posts are void ({share:.2} %): filled for drawing, unknown to lines of sight", done.void_posts);
     }
-    println!(
+    outln!(
         "{}: {} posts in units of {} m, {} bytes ({bytes_per_post:.3} a post), version {}, {seconds:.1} s",
         output.display(),
         done.posts,
@@ -175,16 +175,20 @@ pub(super) fn seams_json(s: dem::SeamReport) -> serde_json::Value {
 
 /// What the overlaps of a mosaic showed, in words.
 pub(super) fn tell_seams(s: &dem::SeamReport) {
-    println!(
+    outln!(
         "{} tiles: {} of {} shared posts differ, by at most {} m (the south-western tile won); {} void in one tile were \
          known in another",
-        s.tiles, s.differing_posts, s.compared_posts, s.largest_difference_m, s.filled_posts
+        s.tiles,
+        s.differing_posts,
+        s.compared_posts,
+        s.largest_difference_m,
+        s.filled_posts
     );
     if s.missing_tiles > 0 {
-        println!("{} tiles of the rectangle are missing", s.missing_tiles);
+        outln!("{} tiles of the rectangle are missing", s.missing_tiles);
     }
     if s.uncovered_posts > 0 {
-        println!("{} posts of the rectangle are in no tile: void", s.uncovered_posts);
+        outln!("{} posts of the rectangle are in no tile: void", s.uncovered_posts);
     }
 }
 

@@ -4,6 +4,9 @@
 //! output, everything else to standard error. Exit status: 0 done, 1 a check found something, 2 usage, 3 bad input,
 //! 4 environment. A BLOCKED verdict is 0.
 
+#[macro_use]
+mod say;
+
 pub mod args;
 mod check;
 mod consistency;
@@ -96,7 +99,7 @@ impl Failure {
             Self::Input(text) => (text, 3),
             Self::Environment(text) => (text, 4),
         };
-        eprintln!("sightline: {text}");
+        errln!("sightline: {text}");
         ExitCode::from(status)
     }
 }

@@ -59,7 +59,7 @@ impl Progress {
                     bar.finish_and_clear();
                     *bar = new_bar(name, self.unit, total);
                 }
-                Output::Lines if total == 0 => eprintln!("{name}"),
+                Output::Lines if total == 0 => errln!("{name}"),
                 Output::Lines | Output::Nothing => {}
             }
         }
@@ -86,7 +86,7 @@ impl Progress {
         let rate = done as f64 / elapsed.as_secs_f64();
         let left = Duration::from_secs_f64(total.saturating_sub(done) as f64 / rate);
         let (percent, rate, left) = (done * 100 / total, HumanCount(rate as u64), HumanDuration(left));
-        eprintln!("{}: {percent} %, {rate} {} a second, {left} left", step.name, self.unit);
+        errln!("{}: {percent} %, {rate} {} a second, {left} left", step.name, self.unit);
     }
 
     /// Takes the bar away.

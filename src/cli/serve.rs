@@ -37,9 +37,9 @@ impl Args {
             let (listener, address) = bind(&self.listen).await?;
             let stop = stop_signal()?;
             if context.json {
-                println!("{}", json!({ "address": address.to_string() }));
+                outln!("{}", json!({ "address": address.to_string() }));
             } else {
-                println!("serving {} on {address}", self.database.display());
+                outln!("serving {} on {address}", self.database.display());
             }
             let served = service::serve(listener, database, stop).await;
             served.map_err(|error| Failure::environment("serving", error))

@@ -41,20 +41,20 @@ impl Args {
                 "database": self.database, "bytes": found.bytes, "pages": found.pages, "good_pages": found.good_pages,
                 "damage": found.damage, "unknown_sections": found.unknown_sections,
             });
-            println!("{document:#}");
+            outln!("{document:#}");
         }
         for unknown in &found.unknown_sections {
-            eprintln!("{name}: {unknown} is not checked");
+            errln!("{name}: {unknown} is not checked");
         }
         if found.damage.is_empty() {
             if !context.json {
-                println!("{name}: sound, {} pages in {} bytes", found.pages, found.bytes);
+                outln!("{name}: sound, {} pages in {} bytes", found.pages, found.bytes);
             }
             return Ok(());
         }
-        found.damage.iter().take(NAMED).for_each(|damage| eprintln!("{name}: {damage}"));
+        found.damage.iter().take(NAMED).for_each(|damage| errln!("{name}: {damage}"));
         if found.damage.len() > NAMED {
-            eprintln!("{name}: and {} more", found.damage.len() - NAMED);
+            errln!("{name}: and {} more", found.damage.len() - NAMED);
         }
         let bad = found.pages - found.good_pages;
         Err(Failure::Found(format!(

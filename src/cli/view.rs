@@ -112,19 +112,21 @@ impl Args {
 
 fn report(context: &Context, order: &Order, flown: &Flown, seconds: f64) -> Result<(), Failure> {
     if context.json {
-        println!("{}", serde_json::json!({ "flown": flown, "seconds": seconds }));
+        outln!("{}", serde_json::json!({ "flown": flown, "seconds": seconds }));
     } else {
-        println!("{} poses, {} frames in {seconds:.1} s, {} bytes received", flown.poses, flown.frames, flown.bytes);
-        println!("at most {} of {} triangles; last hash {}", flown.most_triangles, order.triangles, flown.last_hash);
-        println!(
+        outln!("{} poses, {} frames in {seconds:.1} s, {} bytes received", flown.poses, flown.frames, flown.bytes);
+        outln!("at most {} of {} triangles; last hash {}", flown.most_triangles, order.triangles, flown.last_hash);
+        outln!(
             "{} verdicts on the own mesh, {} silent disagreements with the server's, {} times a line was named",
-            flown.comparisons, flown.silent_disagreements, flown.named
+            flown.comparisons,
+            flown.silent_disagreements,
+            flown.named
         );
         for path in &flown.pictures {
-            println!("{}", path.display());
+            outln!("{}", path.display());
         }
         if let (Some(path), Some(cut)) = (&order.record, flown.recording_cut) {
-            println!("{}{}", path.display(), if cut { " (cut at the limit of a recording)" } else { "" });
+            outln!("{}{}", path.display(), if cut { " (cut at the limit of a recording)" } else { "" });
         }
     }
     match flown.silent_disagreements + flown.refused {

@@ -4,6 +4,7 @@ mod contract;
 mod database;
 mod los;
 mod mesh;
+mod pipe;
 mod serve;
 
 use std::process::{Command, Output};

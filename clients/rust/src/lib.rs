@@ -52,7 +52,7 @@ pub const MAX_MESSAGE_BYTES: usize = 64 << 20;
 #[derive(Debug, Error)]
 pub enum ClientError {
     /// No connection.
-    #[error("cannot connect to {address}: {reason}")]
+    #[error("cannot connect to {address}: {reason}; is a Sightline server running there?")]
     Connect {
         /// The server's address.
         address: String,

@@ -209,10 +209,10 @@ impl Args {
         let document = report::document(plan, outcome, database);
         let to_stdout = context.json || self.output.as_ref().is_some_and(|p| p.as_os_str() == "-");
         if to_stdout {
-            println!("{document:#}");
+            outln!("{document:#}");
         } else {
-            print!("{}", report::table(plan, outcome));
-            println!("{:.1} s", outcome.seconds);
+            out!("{}", report::table(plan, outcome));
+            outln!("{:.1} s", outcome.seconds);
         }
         if let Some(path) = self.output.as_ref().filter(|p| p.as_os_str() != "-") {
             write(path, format!("{document:#}\n").as_bytes())?;

@@ -45,8 +45,8 @@ impl Show {
             (Self::Quiet, _) => {}
             (Self::Bars { all, .. }, Happening::Step(what)) => drop(all.println(format!("{what} ..."))),
             (Self::Bars { all, .. }, Happening::Remark(what)) => drop(all.println(what)),
-            (Self::Lines { .. }, Happening::Step(what)) => eprintln!("{what} ..."),
-            (Self::Lines { .. }, Happening::Remark(what)) => eprintln!("{what}"),
+            (Self::Lines { .. }, Happening::Step(what)) => errln!("{what} ..."),
+            (Self::Lines { .. }, Happening::Remark(what)) => errln!("{what}"),
             (Self::Bars { bars, .. }, Happening::Poses { client, poses, .. }) => {
                 bars[*client].set_position(*poses);
                 bars[*client].set_message(message(happening));
@@ -55,7 +55,7 @@ impl Show {
                 let tenth = poses * 10 / (*all).max(1);
                 if tenth > told[*client] {
                     told[*client] = tenth;
-                    eprintln!("{:>14} {poses}/{all} {}", names[*client], message(happening));
+                    errln!("{:>14} {poses}/{all} {}", names[*client], message(happening));
                 }
             }
         }

@@ -79,15 +79,19 @@ pub(super) fn run(
     if context.json {
         // Standard output holds one document: the answers are in it unless they went to a file.
         let answers = if to_standard_output { Value::from(answers) } else { Value::Null };
-        println!("{:#}", json!({ "summary": summary, "answers": answers, "output": output }));
+        outln!("{:#}", json!({ "summary": summary, "answers": answers, "output": output }));
     } else if to_standard_output {
         let written = std::io::stdout().lock().write_all(csv.as_bytes());
         written.map_err(|error| Failure::environment("standard output", error))?;
     }
     if !context.quiet && !context.json {
-        eprintln!(
+        errln!(
             "{} lines: {} visible ({} grazing), {} unknown, {} blocked",
-            summary["lines"], summary["visible"], summary["grazing"], summary["unknown"], summary["blocked"]
+            summary["lines"],
+            summary["visible"],
+            summary["grazing"],
+            summary["unknown"],
+            summary["blocked"]
         );
     }
     Ok(())
@@ -109,9 +113,7 @@ fn warn_of_curvature(context: &Context, replies: &[Reply]) {
     let bent = replies.iter().filter(|r| r.sagitta_m > WARN_SAGITTA_M).count();
     let worst = replies.iter().map(|r| r.sagitta_m).fold(0.0, f64::max);
     if bent > 0 && !context.quiet {
-        eprintln!(
-            "warning: the Earth bulges by up to {worst:.1} m under {bent} of the lines; answers are for a flat one"
-        );
+        errln!("warning: the Earth bulges by up to {worst:.1} m under {bent} of the lines; answers are for a flat one");
     }
 }
 

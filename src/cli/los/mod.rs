@@ -61,9 +61,9 @@ impl Args {
                 let reply = Asker::open(&self.target, self.precision)?.ask(manner, [a, b])?;
                 warn_of_curvature(context, &reply);
                 if context.json {
-                    println!("{:#}", document(&reply));
+                    outln!("{:#}", document(&reply));
                 } else {
-                    print!("{}", text(&reply));
+                    out!("{}", text(&reply));
                 }
                 Ok(())
             }
@@ -82,7 +82,7 @@ impl Args {
 
 fn warn_of_curvature(context: &Context, reply: &Reply) {
     if reply.sagitta_m > WARN_SAGITTA_M && !context.quiet {
-        eprintln!(
+        errln!(
             "warning: the Earth bulges by {:.1} m under a line of {:.1} km; the answer is for a flat one",
             reply.sagitta_m,
             reply.range_m / 1000.0

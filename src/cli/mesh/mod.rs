@@ -226,9 +226,9 @@ impl Args {
                 "sight_lines": lines.len(), "stolen_triangles": report.stolen,
                 "unsatisfied_lines": report.unsatisfied,
             });
-            println!("{document:#}");
+            outln!("{document:#}");
         } else if !context.quiet {
-            eprintln!(
+            errln!(
                 "{} triangles ({} over the grid), {} vertices; nothing is off by more than {:.3} {unit}",
                 report.triangles,
                 surface.triangles(),
@@ -236,18 +236,15 @@ impl Args {
                 report.bound_px
             );
             if !lines.is_empty() {
-                eprintln!("{} sight lines took {} triangles", lines.len(), report.stolen);
+                errln!("{} sight lines took {} triangles", lines.len(), report.stolen);
             }
         }
         if !context.quiet && report.triangles == MAX_TRIANGLES {
-            eprintln!("warning: stopped at {MAX_TRIANGLES} triangles; the error aimed for is not reached");
+            errln!("warning: stopped at {MAX_TRIANGLES} triangles; the error aimed for is not reached");
         }
         if !context.quiet && !report.unsatisfied.is_empty() {
             let named: Vec<_> = report.unsatisfied.iter().map(u64::to_string).collect();
-            eprintln!(
-                "warning: wrong on this mesh, for want of triangles: the sight lines of rows {}",
-                named.join(", ")
-            );
+            errln!("warning: wrong on this mesh, for want of triangles: the sight lines of rows {}", named.join(", "));
         }
     }
 }
