@@ -1,7 +1,8 @@
 //! What a Sightline server and its clients share, so that a client can check itself.
 //!
 //! Imports nothing else of this project. Contents, in the order of data flow:
-//! [`diamond`] (topology of the bisection hierarchy, by arithmetic), [`predicates`] (exact signs), [`mesh`] (a set of
+//! [`diamond`] (topology of the bisection hierarchy, by arithmetic), [`predicates`] (exact signs, with
+//! [`number`], the arithmetic under them), [`mesh`] (a set of
 //! active posts with heights, and its triangles), [`verdict`] (the line of sight on a mesh), [`codec`] (a mesh as
 //! bytes, see `WIRE.md`), [`replica`] (a mesh kept up to date by frames) and [`v1`] (the generated messages and services).
 
@@ -10,7 +11,7 @@ mod context;
 pub mod diamond;
 mod heights;
 pub mod mesh;
-mod number;
+pub mod number;
 pub mod predicates;
 mod range_coder;
 pub mod replica;

@@ -10,7 +10,7 @@ use num_traits::Zero;
 use crate::predicates::Sign;
 
 /// A number with the ring operations, whose sign may be uncertain.
-pub(crate) trait Number: Sized {
+pub trait Number: Sized {
     /// The number `v`, which must be finite.
     fn of(v: f64) -> Self;
     /// The sum.
@@ -25,7 +25,7 @@ pub(crate) trait Number: Sized {
 
 /// Every value between two f64, which may be infinite.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Interval {
+pub struct Interval {
     low: f64,
     high: f64,
 }
@@ -90,7 +90,7 @@ impl Interval {
 
 /// An exact number `mantissa * 2^exponent`. Every finite f64 is one, and so are sums and products of them.
 #[derive(Clone, Debug)]
-pub(crate) struct Dyadic {
+pub struct Dyadic {
     mantissa: BigInt,
     exponent: i64,
 }

@@ -9,16 +9,23 @@
 //! and the crossings of AB with the four families of edge lines (`sweep`, `walk`). Nothing here sees a database:
 //! heights come through [`HeightField`], and what could not be read is an error, never a verdict.
 //!
-//! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `profile`.
+//! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `derived`.
 //!
 //! A [`Pyramid`] of block bounds lets [`Lines`] pass over what is clear of them, and changes no answer.
 //!
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
+mod derived;
+#[cfg(test)]
+mod derived_tests;
+mod earth;
+mod ground;
+mod horizon;
 pub mod naive;
 mod precision;
 mod profile;
 mod pyramid;
+mod ray;
 mod skip;
 mod surface;
 mod sweep;
@@ -26,10 +33,18 @@ mod sweep;
 mod tests;
 mod walk;
 
+pub use derived::{
+    Derived, GroundState, LineState, MAX_WITNESSES, Obstruction, Place, Stretch, Witness, derive, ground_stretches,
+    least_target_height, line_stretches, witnesses,
+};
+pub use earth::{Curvature, Earth};
+pub use ground::{GroundPoint, ground, ground_batch};
+pub use horizon::{Horizon, HorizonCrest, horizon};
 pub use precision::{NotAPrecision, Precision};
-pub use profile::{Derived, MAX_WITNESSES, Place, Witness, derive, witnesses};
+pub use profile::{Break, profile};
 pub use pyramid::Pyramid;
-pub use surface::{on_ground, surface_height};
+pub use ray::{Ray, RayEnd, RayHit, ray, ray_end};
+pub use surface::{Face, on_ground, surface_height};
 
 use rayon::prelude::*;
 use sightline_proto::{
@@ -77,8 +92,10 @@ impl Verdict {
 pub struct Options {
     /// Whether contact with known ground strictly between the ends blocks.
     pub strict: bool,
-    /// How certain the answer has to be.
+    /// How certain the answer has to be. On a curved Earth it is always exact.
     pub precision: Precision,
+    /// The shape of the Earth under the line.
+    pub earth: Earth,
 }
 
 /// The answer to a line-of-sight question.
@@ -107,6 +124,22 @@ pub enum LosError {
     /// A tolerance is negative or not a number.
     #[error("a tolerance of {0} height units: it must be a number not below 0")]
     BadTolerance(f64),
+    /// A radius, a curvature or a range that makes no sense.
+    #[error("{what} is {value}: it must be {must}")]
+    OutOfBounds {
+        /// Which number.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// A line crosses more edges than the caller wants to know of.
+    #[error("the line crosses more than {limit} edges: ask for a part of it, or raise the limit")]
+    TooManyBreaks {
+        /// The limit that was given.
+        limit: usize,
+    },
     /// The ground plus the height asked for is beyond the range of f64.
     #[error("{height} above the ground at ({x}, {y}) is beyond the range of numbers")]
     OutOfRange {
@@ -162,6 +195,16 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
 
     /// The line of sight from `a` to `b`.
     pub fn ask(&mut self, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError> {
+        if !options.earth.is_flat() {
+            check_finite(a, ["ax", "ay", "az"])?;
+            check_finite(b, ["bx", "by", "bz"])?;
+            if let Precision::Tolerance(tolerance) = options.precision
+                && (tolerance.is_nan() || tolerance < 0.0)
+            {
+                return Err(LosError::BadTolerance(tolerance));
+            }
+            return derived::curved_answer(&mut self.walk, a, b, options);
+        }
         let manner = Manner::default();
         match options.precision {
             Precision::Exact => self.ask_with::<Exact>(a, b, options, manner),

@@ -15,17 +15,20 @@ use sightline_proto::{
 use super::{LosError, check_finite};
 use crate::terrain::{Grid, HeightField, Posts, ReadError};
 
-/// A face of the finest triangulation: a post, an edge (in order of growing x, or y where x stays), or a triangle
-/// (counter-clockwise).
+/// A face of the finest triangulation.
 #[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) enum Face {
+pub enum Face {
+    /// A post.
     Post([Post; 1]),
+    /// An open edge, in order of growing x, or y where x stays.
     Edge([Post; 2]),
+    /// An open triangle, counter-clockwise.
     Triangle([Post; 3]),
 }
 
 impl Face {
-    pub(super) fn posts(&self) -> &[Post] {
+    /// Its corners.
+    pub fn posts(&self) -> &[Post] {
         match self {
             Self::Post(posts) => posts,
             Self::Edge(posts) => posts,
@@ -118,6 +121,40 @@ fn compare(a: f64, b: f64) -> Sign {
 fn sum_against_one(a: f64, b: f64) -> Sign {
     let (sum, error) = two_sum(a, b);
     if sum == 1.0 { Sign::of(error) } else { compare(sum, 1.0) }
+}
+
+/// The known triangle, of those that have all posts of the face among their corners, whose centroid has the lowest
+/// (j, i): counter-clockwise.
+pub(super) fn known_triangle<H>(posts: &mut Posts<'_, H>, face: Face) -> Result<Option<[Post; 3]>, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let first = face.posts()[0];
+    let mut found: Option<([u64; 2], [Post; 3])> = None;
+    for cell in [(1, 1), (0, 1), (1, 0), (0, 0)] {
+        let (Some(i), Some(j)) = (first.i.checked_sub(cell.0), first.j.checked_sub(cell.1)) else { continue };
+        for triangle in triangles_of_cell(Post::new(i, j)) {
+            if !face.posts().iter().all(|p| triangle.contains(p)) {
+                continue;
+            }
+            let sum = |of: fn(&Post) -> u32| triangle.iter().map(|p| u64::from(of(p))).sum::<u64>();
+            let centroid = [sum(|p| p.j), sum(|p| p.i)];
+            // Posts beyond the grid are void.
+            if found.is_none_or(|(least, _)| centroid < least) && Face::Triangle(triangle).heights(posts)?.is_some() {
+                found = Some((centroid, triangle));
+            }
+        }
+    }
+    Ok(found.map(|(_, triangle)| triangle))
+}
+
+/// The two triangles of the cell with that south-west corner, counter-clockwise.
+fn triangles_of_cell(p: Post) -> [[Post; 3]; 2] {
+    let [sw, se, nw, ne] = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| Post::new(p.i + i, p.j + j));
+    match diagonal_rises(p) {
+        true => [[sw, se, ne], [sw, ne, nw]],
+        false => [[sw, se, nw], [se, ne, nw]],
+    }
 }
 
 /// The rounded sum of two numbers and its exact error (Knuth). The error is NaN when the sum overflows.

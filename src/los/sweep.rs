@@ -76,7 +76,7 @@ impl Family {
     }
 
     /// The sign by which growth of v turns to the left of a line on which the function grows.
-    fn turn(self) -> Sign {
+    pub(super) fn turn(self) -> Sign {
         match self {
             Self::Column | Self::Rising => Sign::Positive,
             Self::Row | Self::Falling => Sign::Negative,

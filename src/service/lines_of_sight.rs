@@ -146,9 +146,9 @@ fn query(
     let (east_m, north_m) = ((b[0] - a[0]) * site.scale.east_m, (b[1] - a[1]) * site.scale.north_m);
     let range_m = (east_m * east_m + north_m * north_m).sqrt();
     let derived =
-        if derive { los::derive(terrain, a, b).map_err(IntoStatus::into_status)? } else { Derived::default() };
-    let seen_from = |end: [f64; 3], place: Option<los::Place>| {
-        let place = place?;
+        if derive { los::derive(terrain, a, b, options).map_err(IntoStatus::into_status)? } else { Derived::default() };
+    let seen_from = |end: [f64; 3], first: Option<los::Obstruction>| {
+        let place = first?.place;
         let [x_m, y_m, z_m] =
             (site.scale.scene_from_grid(place.point.into()) - site.scale.scene_from_grid(end.into())).to_array();
         let range_m = (x_m * x_m + y_m * y_m + z_m * z_m).sqrt();

@@ -34,9 +34,11 @@ impl IntoStatus for LosError {
     fn into_status(self) -> Status {
         match self {
             Self::Read(error) => error.into_status(),
-            Self::NotFinite { .. } | Self::OutOfRange { .. } | Self::BadTolerance(_) => {
-                Status::invalid_argument(self.to_string())
-            }
+            Self::NotFinite { .. }
+            | Self::OutOfRange { .. }
+            | Self::OutOfBounds { .. }
+            | Self::TooManyBreaks { .. }
+            | Self::BadTolerance(_) => Status::invalid_argument(self.to_string()),
         }
     }
 }

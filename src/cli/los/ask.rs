@@ -175,7 +175,7 @@ fn ask_database(
     let answer = Lines::new(database, pyramid).ask(a, b, manner.options)?;
     // Derived values are exact about where the line goes under; beside another verdict they would contradict it.
     let derived = match manner.options.precision {
-        Precision::Exact => los::derive(database, a, b)?,
+        Precision::Exact => los::derive(database, a, b, manner.options)?,
         _ => Derived::default(),
     };
     let scale = site.scale;
@@ -184,8 +184,8 @@ fn ask_database(
         (x * x + y * y + z * z).sqrt()
     };
     let range_m = apart([a[0], a[1], 0.0], [b[0], b[1], 0.0]);
-    let seen_from = |end, place: Option<los::Place>| {
-        place.map(|place| Obstruction { position: place.point, range_m: apart(end, place.point) })
+    let seen_from = |end, first: Option<los::Obstruction>| {
+        first.map(|first| Obstruction { position: first.place.point, range_m: apart(end, first.place.point) })
     };
     Ok(Reply {
         verdict: answer.verdict.name(),

@@ -54,7 +54,7 @@ impl Args {
         let manner = Manner {
             frame: self.positions.frame(),
             altitude: self.positions.altitude(),
-            options: Options { strict: self.strict, precision: self.precision },
+            options: Options { strict: self.strict, precision: self.precision, ..Options::default() },
         };
         match (self.from, self.to, &self.batch) {
             (Some(Point(a)), Some(Point(b)), None) => {
