@@ -10,6 +10,7 @@
 //! heights come through [`HeightField`], and what could not be read is an error, never a verdict.
 //!
 //! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `derived`.
+//! What one observer sees of a whole region is told by [`viewshed()`], whose cells are these verdicts.
 //!
 //! A [`Pyramid`] of block bounds lets [`Lines`] pass over what is clear of them, and changes no answer.
 //!
@@ -31,6 +32,7 @@ mod surface;
 mod sweep;
 #[cfg(test)]
 mod tests;
+mod viewshed;
 mod walk;
 
 pub use derived::{
@@ -45,6 +47,7 @@ pub use profile::{Break, profile};
 pub use pyramid::Pyramid;
 pub use ray::{Ray, RayEnd, RayHit, ray, ray_end};
 pub use surface::{Face, on_ground, surface_height};
+pub use viewshed::{Progress, Region, Summary, Tile, View, ViewshedError, viewshed};
 
 use rayon::prelude::*;
 use sightline_proto::{

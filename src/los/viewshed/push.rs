@@ -1,0 +1,269 @@
+//! Bounds of the horizon in each sector of a fan, and how columns of posts raise them.
+//!
+//! Sectors are bounded by rays at equal steps of the slope m; q = m scale + offset counts them, so ray k is at q = k
+//! and sector k lies between rays k and k + 1. Along the slope m the horizon up to some x is the greatest projected
+//! height s of the ground met so far; the target is hidden exactly when its own s is less. On a triangle, s is a
+//! quotient of two linear functions, so over the part of a triangle within a sector it is greatest at a corner: a post
+//! in the sector, or where one of the two rays crosses an edge. Hence
+//!
+//! - **upper bound**: the greatest of the posts in the sector and of all crossings of its two rays;
+//! - **lower bound**: whatever the slope, the path crosses each column; where the column's edges are known all across
+//!   the sector, somewhere on the path is ground as high as the least of them, which is at a ray or a post again.
+//!
+//! **Errors.** With u = 2^-53 the rounded s is off by 4 u |s|, and q by at most 2^-48 scale near the wedge (|m| <= 5).
+//! The share of an edge at which a ray crosses it is off by 3.1 * 2^-48 scale / |dq|. Edges with |dq| < 2^-20 scale
+//! ([`RADIAL`]) are left out: both their posts are within 2^-20 scale of any ray that crosses them. Posts within twice
+//! that ([`NEAR_RAY`]) of a ray count in the sectors on both sides of it; so does, with them, whatever is missed where
+//! rounding puts the end of an edge on the wrong side of a ray. For the rest, the share is off by less than 2^-26, so s
+//! by 2^-25 of the greatest |s| of the two columns, and 2^-23 of it ([`margin`]) covers this, the rounding of the
+//! products, and the margin's own. It is some micrometres to a millimetre of height: it decides how many cells are
+//! asked, never what is answered.
+//!
+//! **On a curved Earth** a target T is hidden behind ground G, at the share t of the way, when
+//! za + t (zT - za) - t (1 - t) W < zG. As the W of the way to G is t^2 W, that is t (zT - za - W) < zG - za - t^2 W: all
+//! is as on a flat Earth once each point is lowered by its own W. Lowered edges and chords bend upwards between their
+//! ends, by at most (east + north) / 4 each, both being at most a cell long: the margin has their sum, divided by the
+//! distance. Lower bounds need none of it. A target that clears the last crossing by that clears the chord to its post.
+
+use super::column::{Column, Frame};
+
+/// Edges that span less of the slope are left to their posts.
+pub(super) const RADIAL: f64 = 1.0 / (1 << 20) as f64;
+/// A post this near a ray, in slope, counts in both sectors.
+pub(super) const NEAR_RAY: f64 = 2.0 * RADIAL;
+
+/// How far a projected height of two columns can be off.
+pub(super) fn margin(frame: &Frame, before: &Column, column: &Column) -> f64 {
+    // The column before is at least half as far away, or there is none.
+    before.most.max(column.most) / (1 << 23) as f64 + frame.bulge() * column.per_x + f64::MIN_POSITIVE
+}
+
+/// The sectors of a fan.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sectors {
+    /// Sectors for a slope of 1.
+    pub(super) scale: f64,
+    /// Where the slope is 0: half way between two rays, so that no ray runs along a row, a column or a diagonal.
+    pub(super) offset: f64,
+    /// The first sector held.
+    pub(super) base: i64,
+    /// How many are held. The first and the last are another fan's, and only for posts near its border.
+    pub(super) len: usize,
+}
+
+impl Sectors {
+    /// q of a post of a column.
+    #[inline]
+    pub(super) fn q(&self, frame: &Frame, column: &Column, b: i64) -> f64 {
+        frame.y(b) * (column.per_x * self.scale) + self.offset
+    }
+
+    /// The slope of ray `k`.
+    pub(super) fn slope(&self, k: i64) -> f64 {
+        (k as f64 - self.offset) / self.scale
+    }
+
+    /// The sectors held that q is in or too near to.
+    pub(super) fn around(&self, q: f64) -> std::ops::Range<usize> {
+        let near = NEAR_RAY * self.scale;
+        self.held(floor(q - near), floor(q + near) + 1)
+    }
+
+    /// The part of sectors `first..end` that is held, numbered from the base.
+    fn held(&self, first: i64, end: i64) -> std::ops::Range<usize> {
+        let len = self.len as i64;
+        let (first, end) = ((first - self.base).clamp(0, len), (end - self.base).clamp(0, len));
+        first as usize..(end as usize).max(first as usize)
+    }
+
+    /// The rays held strictly after `low` and not after `high`, numbered from the base.
+    #[inline]
+    fn rays(&self, low: f64, high: f64) -> std::ops::Range<usize> {
+        let (first, end) = (floor(low) + 1 - self.base, floor(high) + 1 - self.base);
+        first.max(0) as usize..end.clamp(0, self.len as i64 + 1) as usize
+    }
+}
+
+/// The greatest integer not above a number far within the range of i64.
+#[inline]
+pub(super) fn floor(v: f64) -> i64 {
+    // Without SSE 4.1 the standard one is a call.
+    let whole = v as i64;
+    whole - i64::from(whole as f64 > v)
+}
+
+/// Whether paths in a sector pass over unknown ground.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(super) enum Gap {
+    /// None does.
+    None,
+    /// Some may.
+    Some,
+    /// All do.
+    All,
+}
+
+/// What is known of the horizon in the sectors of a fan.
+#[derive(Clone, Debug)]
+pub(super) struct Horizon {
+    pub(super) sectors: Sectors,
+    /// The highest crossing of each ray so far, widened.
+    pub(super) rays: Vec<f64>,
+    /// The highest post of each sector so far, widened.
+    pub(super) posts: Vec<f64>,
+    /// The lower bound of each sector's horizon.
+    pub(super) lower: Vec<f64>,
+    pub(super) gaps: Vec<Gap>,
+    /// Where each ray crosses the column at hand; minus infinity where it does not, NaN where that is unknown.
+    chain: Vec<f64>,
+    /// The least post of the column at hand in each sector.
+    least: Vec<f64>,
+}
+
+impl Horizon {
+    pub(super) fn new(sectors: Sectors, gap: Gap) -> Self {
+        let lowest = |len| vec![f64::NEG_INFINITY; len];
+        let len = sectors.len;
+        Self {
+            sectors,
+            rays: lowest(len + 1),
+            posts: lowest(len),
+            lower: lowest(len),
+            gaps: vec![gap; len],
+            chain: lowest(len + 1),
+            least: lowest(len),
+        }
+    }
+
+    /// The upper bound of each sector.
+    pub(super) fn upper(&self, upper: &mut Vec<f64>) {
+        upper.clear();
+        let pairs = self.rays.iter().zip(&self.rays[1..]).zip(&self.posts);
+        upper.extend(pairs.map(|((&left, &right), &post)| greater(greater(left, right), post)));
+    }
+
+    /// Raises the bounds by a column: its posts and the edges between them.
+    pub(super) fn push_column(&mut self, frame: &Frame, column: &Column, margin: f64) {
+        self.chain.fill(f64::NEG_INFINITY);
+        self.least.fill(f64::INFINITY);
+        let sectors = self.sectors;
+        let per_q = column.x / sectors.scale;
+        let mut before = (f64::NAN, f64::NAN);
+        for (b, &s) in (column.b..).zip(&column.s) {
+            let q = sectors.q(frame, column, b);
+            self.push_post(q, s, margin);
+            // Rounded q are the same for both edges of a post, so no ray falls between two edges.
+            if b > column.b {
+                let (from, height) = before;
+                let slope = (s - height) * per_q;
+                let rays = sectors.rays(from, q);
+                let first = (sectors.base + rays.start as i64) as f64 - from;
+                if let Some(chain) = self.chain.get_mut(rays) {
+                    for (n, crossing) in chain.iter_mut().enumerate() {
+                        *crossing = height + (first + n as f64) * slope;
+                    }
+                }
+            }
+            before = (q, s);
+        }
+        let low = self.lower.iter_mut().zip(&self.least).zip(self.chain.iter().zip(&self.chain[1..]));
+        for ((lower, &least), (&left, &right)) in low {
+            let low = if left < right { left } else { right };
+            let low = if least < low { least } else { low } - margin;
+            // A NaN on either side is unknown ground in the sector.
+            let sure = left + right;
+            *lower = if !sure.is_nan() && low > *lower { low } else { *lower };
+        }
+        for (ray, &crossing) in self.rays.iter_mut().zip(&self.chain) {
+            *ray = greater(crossing + margin, *ray);
+        }
+    }
+
+    #[inline]
+    fn push_post(&mut self, q: f64, s: f64, margin: f64) {
+        let whole = floor(q);
+        let (fraction, near) = (q - whole as f64, NEAR_RAY * self.sectors.scale);
+        let single = fraction > near && fraction < 1.0 - near;
+        let sectors = if single { self.sectors.held(whole, whole + 1) } else { self.sectors.around(q) };
+        for k in sectors {
+            self.posts[k] = greater(s + margin, self.posts[k]);
+            let least = if s.is_nan() { f64::NEG_INFINITY } else { s };
+            self.least[k] = if least < self.least[k] { least } else { self.least[k] };
+        }
+    }
+
+    /// Raises the upper bound by the edges between two columns that follow each other.
+    pub(super) fn push_strip(&mut self, frame: &Frame, before: &Column, column: &Column, margin: f64) {
+        for_edges(before, column, |b, c| {
+            let (from, to) = (self.sectors.q(frame, before, b), self.sectors.q(frame, column, c));
+            let (s, t) = (before.at(b), column.at(c));
+            self.push_edge(if from < to { [(from, s), (to, t)] } else { [(to, t), (from, s)] }, margin);
+        });
+    }
+
+    #[inline]
+    fn push_edge(&mut self, [(from, s), (to, t)]: [(f64, f64); 2], margin: f64) {
+        let rays = self.sectors.rays(from, to);
+        if rays.is_empty() || to - from < RADIAL * self.sectors.scale {
+            return;
+        }
+        let slope = (t - s) / (to - from);
+        let first = (self.sectors.base + rays.start as i64) as f64 - from;
+        for (n, ray) in self.rays[rays].iter_mut().enumerate() {
+            // A void end makes this NaN, which raises nothing.
+            *ray = greater(s + (first + n as f64) * slope + margin, *ray);
+        }
+    }
+
+    /// Notes which sectors the void posts of the last two columns touch, and which the last crosses void altogether.
+    pub(super) fn mark_gaps(&mut self, frame: &Frame, before: &Column, column: &Column) {
+        let q_before = |b| self.sectors.q(frame, before, b);
+        let q = |b| self.sectors.q(frame, column, b);
+        let mut touched = Vec::new();
+        for_edges(before, column, |b, c| {
+            if before.at(b).is_nan() || column.at(c).is_nan() {
+                touched.push([q_before(b), q(c)]);
+            }
+        });
+        for b in column.b..column.end() - 1 {
+            if column.at(b).is_nan() || column.at(b + 1).is_nan() {
+                touched.push([q(b), q(b + 1)]);
+            }
+        }
+        for [from, to] in touched {
+            let (low, high) = if from < to { (from, to) } else { (to, from) };
+            for k in self.sectors.around(low).start..self.sectors.around(high).end {
+                self.gaps[k] = self.gaps[k].max(Gap::Some);
+            }
+        }
+        for k in 0..self.sectors.len {
+            let ray = self.sectors.base + k as i64;
+            let across = |k| frame.across + column.x * self.sectors.slope(k);
+            // A post more on either side than there can be.
+            let posts = across(ray).floor() as i64 - 1..=across(ray + 1).ceil() as i64 + 1;
+            let inside = *posts.start() >= column.b && *posts.end() < column.end();
+            if inside && posts.into_iter().all(|b| column.at(b).is_nan()) {
+                self.gaps[k] = Gap::All;
+            }
+        }
+    }
+}
+
+/// The greater of two numbers; the second where the first is NaN.
+#[inline]
+pub(super) fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// The edges between two columns, each as the index across of its post in the first and in the second.
+fn for_edges(before: &Column, column: &Column, mut edge: impl FnMut(i64, i64)) {
+    let first = before.b.max(column.b);
+    let end = before.end().min(column.end());
+    for b in first..end {
+        edge(b, b);
+        if b + 1 < end {
+            // A cell's diagonal joins its posts of even sum.
+            if (before.a + b) & 1 == 0 { edge(b, b + 1) } else { edge(b + 1, b) }
+        }
+    }
+}
