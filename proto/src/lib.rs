@@ -13,6 +13,8 @@ mod heights;
 pub mod mesh;
 pub mod number;
 pub mod predicates;
+#[cfg(test)]
+mod predicates_tests;
 mod range_coder;
 pub mod replica;
 mod sides;

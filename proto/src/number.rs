@@ -2,12 +2,12 @@
 //!
 //! A compound predicate is written once over [`Number`] and evaluated first with [`Interval`], then, when the sign is
 //! not certain, with [`Dyadic`]. The bound of the interval rung needs no derivation of its own: each operation rounds
-//! to nearest, and one step outward then covers the true result, in the subnormal range too.
+//! to nearest, one step outward covers that, and [`FLUSHED`] what underflow or flushing to zero may take.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use crate::predicates::Sign;
+use crate::predicates::{FLUSHED, Sign};
 
 /// A number with the ring operations, whose sign may be uncertain.
 pub trait Number: Sized {
@@ -36,13 +36,37 @@ impl Interval {
     /// The interval around two rounded bounds. A NaN (from infinity minus infinity, or zero times infinity) means
     /// that nothing is known.
     fn outward(low: f64, high: f64) -> Self {
-        if low.is_nan() || high.is_nan() { Self::WHOLE } else { Self { low: low.next_down(), high: high.next_up() } }
+        if low.is_nan() || high.is_nan() {
+            return Self::WHOLE;
+        }
+        // What is flushed matters only where it is more than half a unit in the last place; there, the sums are wider
+        // than needed by several times their own rounding and flushing. Elsewhere they change nothing.
+        Self { low: low.next_down() - FLUSHED, high: high.next_up() + FLUSHED }
+    }
+
+    /// Whether it holds nothing but 0. By the bits: see [`crate::predicates::compare`].
+    fn is_zero(&self) -> bool {
+        is_zero(self.low) && is_zero(self.high)
+    }
+
+    /// Whether both hold the same one number and no other.
+    fn is_same_point(&self, other: &Self) -> bool {
+        let bits = self.low.to_bits();
+        [self.high, other.low, other.high].iter().all(|v| v.to_bits() == bits)
     }
 }
 
 impl Number for Interval {
     fn of(v: f64) -> Self {
-        Self { low: v, high: v }
+        if is_zero(v) {
+            return Self { low: 0.0, high: 0.0 };
+        }
+        // A subnormal number may be read as zero, and whatever multiplies it would multiply the error.
+        match (v.is_subnormal(), v.is_sign_negative()) {
+            (false, _) => Self { low: v, high: v },
+            (true, false) => Self { low: 0.0, high: f64::MIN_POSITIVE },
+            (true, true) => Self { low: -f64::MIN_POSITIVE, high: 0.0 },
+        }
     }
 
     fn add(&self, other: &Self) -> Self {
@@ -50,9 +74,11 @@ impl Number for Interval {
     }
 
     fn sub(&self, other: &Self) -> Self {
-        let (low, high) = (self.low - other.high, self.high - other.low);
-        // With gradual underflow a difference is zero only when its terms are equal: exact, and common on a grid.
-        if low == 0.0 && high == 0.0 { Self { low, high } } else { Self::outward(low, high) }
+        // Exact, and common on a grid.
+        if self.is_same_point(other) {
+            return Self { low: 0.0, high: 0.0 };
+        }
+        Self::outward(self.low - other.high, self.high - other.low)
     }
 
     fn mul(&self, other: &Self) -> Self {
@@ -60,8 +86,8 @@ impl Number for Interval {
         if products.iter().any(|p| p.is_nan()) {
             return Self::WHOLE;
         }
-        if (self.low == 0.0 && self.high == 0.0) || (other.low == 0.0 && other.high == 0.0) {
-            return Self::of(0.0);
+        if self.is_zero() || other.is_zero() {
+            return Self { low: 0.0, high: 0.0 };
         }
         let low = products.iter().fold(f64::INFINITY, |a, &b| a.min(b));
         let high = products.iter().fold(f64::NEG_INFINITY, |a, &b| a.max(b));
@@ -73,7 +99,7 @@ impl Number for Interval {
             Some(Sign::Positive)
         } else if self.high < 0.0 {
             Some(Sign::Negative)
-        } else if self.low == 0.0 && self.high == 0.0 {
+        } else if self.is_zero() {
             Some(Sign::Zero)
         } else {
             None
@@ -144,6 +170,11 @@ impl Dyadic {
     }
 }
 
+/// Whether a number is 0 or -0, and not a subnormal number that is read as zero.
+fn is_zero(v: f64) -> bool {
+    v.to_bits() << 1 == 0
+}
+
 /// A finite number as mantissa * 2^exponent with an odd mantissa; zero as 0 * 2^0.
 fn odd_part(v: f64) -> (i64, i64) {
     debug_assert!(v.is_finite());
@@ -159,7 +190,7 @@ fn odd_part(v: f64) -> (i64, i64) {
     }
     let zeros = mantissa.trailing_zeros();
     let mantissa = (mantissa >> zeros) as i64;
-    (if v < 0.0 { -mantissa } else { mantissa }, exponent + i64::from(zeros))
+    (if v.is_sign_negative() { -mantissa } else { mantissa }, exponent + i64::from(zeros))
 }
 
 /// The numbers as whole multiples of one power of two, if each takes at most `bits` bits (below 127).

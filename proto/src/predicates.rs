@@ -1,14 +1,32 @@
 //! Exact signs of the determinants that decide visibility, for every finite f64.
 //!
-//! Each predicate is a ladder, after the model of S2 geometry (triage, then exact): a filter in f64 whose error bound
-//! is derived beside it, and, where that cannot tell, exact arithmetic. Under- and overflow are part of the bound: the
-//! filter then declines. Every sign is what real arithmetic gives, so the usual algebra holds: exchanging two points
-//! of an orientation reverses its sign, and a tie is [`Sign::Zero`] and nothing else.
+//! Each predicate is a ladder, after the model of S2 geometry (triage, then exact). The *filter* computes in f64, with
+//! an error bound that is derived beside it. Where that cannot tell, *whole numbers* of 128 bits do when all
+//! coordinates are short multiples of one power of two, as posts and ties mostly are; *dyadics* of any length do else.
 //!
-//! Which rungs there are is a type parameter, [`Kernel`]: [`Exact`] has both; [`FilterOnly`] takes the filter's rounded
-//! value at its word and is wrong near ties; a test may bring its own to count.
+//! **Algebra.** Every sign is what real arithmetic gives, so all that is true of determinants is true of it:
+//! - exchanging two points of an orientation reverses its sign; so three points may be rotated ([`orient2d`]), and any
+//!   even permutation of four ([`orient3d`]); [`compare`] reverses with its arguments;
+//! - reversing one coordinate of all points reverses the sign, exchanging two coordinates too; scaling a coordinate by a
+//!   positive power of two changes nothing, nor does moving all points by the same amount, as far as no rounding or
+//!   overflow moves them differently;
+//! - a tie is [`Sign::Zero`], and nothing else is: there is no perturbation. Points that coincide, or -0.0 for 0.0, are
+//!   ties like any other.
+//!
+//! **The same on every machine.** Arguments are finite; NaN and infinities are the caller's to refuse. Only sums,
+//! differences, products and comparisons of f64 are used, in the order written: rustc never fuses a product into a sum,
+//! whatever the target's features, so rounded values and bounds are the same bits everywhere (a test holds them to
+//! golden ones).
+//!
+//! **Flush to zero.** A host may have the processor replace subnormal results by zero, and read subnormal operands as
+//! zero. The bounds of all filters allow for both ([`FLUSHED`]); what is exact works on the bits of its arguments, and
+//! so does [`compare`]. No sign depends on the mode.
+//!
+//! Which rungs there are is a type parameter, [`Kernel`]: [`Exact`] has all; [`FilterOnly`] takes the filter's rounded
+//! value at its word and is wrong near ties; [`ExactOnly`] does without the filter, slowly; a test may bring its own to
+//! count.
 
-use std::ops::Neg;
+use std::{cmp::Ordering, ops::Neg};
 
 use crate::number::{Dyadic, Interval, Number, whole};
 
@@ -37,11 +55,7 @@ impl Sign {
     }
 
     fn of_whole(v: i128) -> Self {
-        match v.signum() {
-            -1 => Self::Negative,
-            0 => Self::Zero,
-            _ => Self::Positive,
-        }
+        v.cmp(&0).into()
     }
 
     /// The sign of the product.
@@ -63,6 +77,18 @@ impl Sign {
     }
 }
 
+impl From<Ordering> for Sign {
+    /// The sign of the first less the second.
+    #[inline]
+    fn from(order: Ordering) -> Self {
+        match order {
+            Ordering::Less => Self::Negative,
+            Ordering::Equal => Self::Zero,
+            Ordering::Greater => Self::Positive,
+        }
+    }
+}
+
 impl Neg for Sign {
     type Output = Self;
 
@@ -78,6 +104,9 @@ impl Neg for Sign {
 
 /// Which rungs a predicate has beyond its filter.
 pub trait Kernel {
+    /// Whether filters are asked at all.
+    const FILTERS: bool = true;
+
     /// Called for each sign that a filter settled. Costs nothing unless a test counts.
     #[inline]
     fn settled() {}
@@ -108,8 +137,41 @@ impl Kernel for FilterOnly {
     }
 }
 
+/// Exact arithmetic at once, without a filter: as right as [`Exact`], to hold it against.
+#[derive(Clone, Copy, Debug)]
+pub struct ExactOnly;
+
+impl Kernel for ExactOnly {
+    const FILTERS: bool = false;
+
+    #[inline]
+    fn unsettled(_estimate: Sign, exact: impl FnOnce() -> Sign) -> Sign {
+        exact()
+    }
+}
+
+/// The sign of a - b for finite numbers, of which the two zeros are one. By their bits: where subnormal numbers are read
+/// as zero, `<` takes them for equal.
+#[inline]
+pub fn compare(a: f64, b: f64) -> Sign {
+    // Sign and magnitude as a number in two's complement. Not with `abs`: that the compiler knows for a question about
+    // a float, and turns the answer back into `<`.
+    let ordered = |v: f64| {
+        let bits = v.to_bits() as i64;
+        let sign = bits >> 63;
+        (bits ^ (sign as u64 >> 1) as i64) - sign
+    };
+    ordered(a).cmp(&ordered(b)).into()
+}
+
 /// The unit roundoff of f64, 2^-53.
 const ROUNDOFF: f64 = f64::EPSILON / 2.0;
+/// What gradual underflow, or flushing to zero, may add to an error, per unit of what multiplies it: 2^-1016.
+///
+/// With gradual underflow only products lose, at most 2^-1075. Where subnormal results are replaced by zero, any result
+/// may lose up to 2^-1022, and where subnormal operands are read as zero, any operand as much. So a difference of two
+/// inputs that is then multiplied is off by at most four times 2^-1022, a product that is then added by two.
+pub const FLUSHED: f64 = 64.0 * f64::MIN_POSITIVE;
 /// See [`orient2d`].
 const ORIENT2D_BOUND: f64 = 5.0 * ROUNDOFF;
 /// See [`orient3d`].
@@ -119,9 +181,11 @@ const ORIENT3D_BOUND: f64 = 10.0 * ROUNDOFF;
 ///
 /// The sign of det = (ax - cx)(by - cy) - (ay - cy)(bx - cx). Each difference has one rounding, each product one, the
 /// last difference one: with u = 2^-53 the rounded det is off by at most ((1 + u)^4 - 1) S for the exact
-/// S = |(ax - cx)(by - cy)| + |(ay - cy)(bx - cx)|, plus at most 2^-1074 where the two products underflow (sums and
-/// differences never lose to underflow). The computed S is at least (1 - u)^4 S less as much, so 5 u S computed, plus
-/// 2^-1022 for all underflow, bounds the error. Overflow makes the bound infinite or NaN, and nothing is settled.
+/// S = |(ax - cx)(by - cy)| + |(ay - cy)(bx - cx)|, and the computed S is at least (1 - u)^4 S, so 5 u S computed bounds
+/// the error but for underflow. Let D be the sum of the four absolute differences. Flushing takes at most 2^-1020 of
+/// each, which the other factor multiplies: 2^-1020 (D + 2^-1018) in all; then 2^-1021 of each product and of their
+/// difference. [`FLUSHED`] (1 + D) is eight times as much. Overflow makes the bound infinite or NaN, and nothing is
+/// settled.
 #[inline]
 pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
     orient2d_with::<Exact>(a, b, c)
@@ -130,11 +194,7 @@ pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
 /// [`orient2d`] with the rungs of `K`.
 #[inline]
 pub fn orient2d_with<K: Kernel>(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
-    let left = (a[0] - c[0]) * (b[1] - c[1]);
-    let right = (a[1] - c[1]) * (b[0] - c[0]);
-    let det = left - right;
-    let bound = ORIENT2D_BOUND * (left.abs() + right.abs()) + f64::MIN_POSITIVE;
-    settle::<K>(det, bound, || exact_orient2d(a, b, c))
+    settle::<K>(rounded_orient2d(a, b, c), || exact_orient2d(a, b, c))
 }
 
 /// On which side of the plane through a, b, c the point d lies: positive above, when a, b, c turn counter-clockwise
@@ -144,9 +204,11 @@ pub fn orient2d_with<K: Kernel>(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
 /// (az - dz) ((bx - dx)(cy - dy) - (cx - dx)(by - dy)). On the way to the result each term meets at most 8 roundings
 /// (three differences, two products, one inner difference, two outer sums), so the rounded value is off by at most
 /// ((1 + u)^8 - 1) S, S being the same sum with absolute values and pluses. The computed S is at least (1 - u)^8 S, so
-/// 10 u S computed is enough. Underflow adds at most 2^-1074 to each inner difference, which is multiplied by a height
-/// difference, and 2^-1075 to each outer product: together less than 2^-1022 (1 + |az-dz| + |bz-dz| + |cz-dz|).
-/// Overflow makes the bound infinite or NaN, and nothing is settled.
+/// 10 u S computed bounds the error but for underflow. Let X, Y, Z be the sums of the three absolute differences along
+/// each axis. Flushing takes at most 2^-1020 of each difference, which costs the sum of products at most 2^-1020 times
+/// (1 + X)(1 + Y)(1 + Z); 2^-1021 of each inner product and difference, which Z multiplies: 2^-1019 Z; and 2^-1021 of
+/// each outer product and sum: 2^-1018. [`FLUSHED`] (1 + X)(1 + Y)(1 + Z) is eight times as much. Overflow makes the
+/// bound infinite or NaN, and nothing is settled.
 #[inline]
 pub fn orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
     orient3d_with::<Exact>(a, b, c, d)
@@ -155,17 +217,7 @@ pub fn orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
 /// [`orient3d`] with the rungs of `K`.
 #[inline]
 pub fn orient3d_with<K: Kernel>(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
-    let [ax, ay, az] = [a[0] - d[0], a[1] - d[1], a[2] - d[2]];
-    let [bx, by, bz] = [b[0] - d[0], b[1] - d[1], b[2] - d[2]];
-    let [cx, cy, cz] = [c[0] - d[0], c[1] - d[1], c[2] - d[2]];
-    let (bc, cb) = (bx * cy, cx * by);
-    let (ca, ac) = (cx * ay, ax * cy);
-    let (ab, ba) = (ax * by, bx * ay);
-    let det = az * (bc - cb) + bz * (ca - ac) + cz * (ab - ba);
-    let [az, bz, cz] = [az.abs(), bz.abs(), cz.abs()];
-    let size = az * (bc.abs() + cb.abs()) + bz * (ca.abs() + ac.abs()) + cz * (ab.abs() + ba.abs());
-    let bound = ORIENT3D_BOUND * size + f64::MIN_POSITIVE * (1.0 + az + bz + cz);
-    settle::<K>(-det, bound, || exact_orient3d(a, b, c, d))
+    settle::<K>(rounded_orient3d(a, b, c, d), || exact_orient3d(a, b, c, d))
 }
 
 /// The side of line uv in plan on which AB crosses line pq: the sign of the turn u, v, X. Exact.
@@ -244,30 +296,76 @@ fn exact_sign(value: &Dyadic) -> Sign {
 #[cold]
 #[inline(never)]
 fn exact_orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
-    // Differences below 2^62, products below 2^124.
-    if let Some([ax, ay, bx, by, cx, cy]) = whole([a[0], a[1], b[0], b[1], c[0], c[1]], 61) {
-        return Sign::of_whole((ax - cx) * (by - cy) - (ay - cy) * (bx - cx));
-    }
+    whole_orient2d(a, b, c).unwrap_or_else(|| dyadic_orient2d(a, b, c))
+}
+
+/// [`orient2d`] in numbers of any length.
+pub(crate) fn dyadic_orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
     exact_sign(&turn(a, b, c))
+}
+
+/// [`orient2d`] in whole numbers, if they are short enough.
+pub(crate) fn whole_orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Option<Sign> {
+    // Differences below 2^62, products below 2^124.
+    let [ax, ay, bx, by, cx, cy] = whole([a[0], a[1], b[0], b[1], c[0], c[1]], 61)?;
+    Some(Sign::of_whole((ax - cx) * (by - cy) - (ay - cy) * (bx - cx)))
 }
 
 #[cold]
 #[inline(never)]
 fn exact_orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
-    // Differences below 2^41, products of three below 2^123, each twice, three of those.
-    if let Some([ax, ay, bx, by, cx, cy, dx, dy]) = whole([a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]], 40)
-        && let Some([az, bz, cz, dz]) = whole([a[2], b[2], c[2], d[2]], 40)
-    {
-        let minor = |px: i128, py: i128, qx: i128, qy: i128| (px - dx) * (qy - dy) - (qx - dx) * (py - dy);
-        let terms = [(az, minor(bx, by, cx, cy)), (bz, minor(cx, cy, ax, ay)), (cz, minor(ax, ay, bx, by))];
-        return -Sign::of_whole(terms.iter().map(|&(z, minor)| (z - dz) * minor).sum());
-    }
+    whole_orient3d(a, b, c, d).unwrap_or_else(|| dyadic_orient3d(a, b, c, d))
+}
+
+/// [`orient3d`] in numbers of any length.
+pub(crate) fn dyadic_orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Sign {
     exact_sign(&volume(a, b, c, d))
 }
 
-/// The sign of a value known to within `bound`, or the next rung.
+/// [`orient3d`] in whole numbers, if they are short enough. Heights may have another unit than places.
+pub(crate) fn whole_orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Option<Sign> {
+    // Differences below 2^41, products of three below 2^123, each twice, three of those.
+    let [ax, ay, bx, by, cx, cy, dx, dy] = whole([a[0], a[1], b[0], b[1], c[0], c[1], d[0], d[1]], 40)?;
+    let [az, bz, cz, dz] = whole([a[2], b[2], c[2], d[2]], 40)?;
+    let minor = |px: i128, py: i128, qx: i128, qy: i128| (px - dx) * (qy - dy) - (qx - dx) * (py - dy);
+    let terms = [(az, minor(bx, by, cx, cy)), (bz, minor(cx, cy, ax, ay)), (cz, minor(ax, ay, bx, by))];
+    Some(-Sign::of_whole(terms.iter().map(|&(z, minor)| (z - dz) * minor).sum()))
+}
+
+/// A value, and a bound of its error.
+pub(crate) type Rounded = (f64, f64);
+
 #[inline]
-fn settle<K: Kernel>(value: f64, bound: f64, exact: impl FnOnce() -> Sign) -> Sign {
+pub(crate) fn rounded_orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Rounded {
+    let [ax, ay] = [a[0] - c[0], a[1] - c[1]];
+    let [bx, by] = [b[0] - c[0], b[1] - c[1]];
+    let (left, right) = (ax * by, ay * bx);
+    let differences = (ax.abs() + by.abs()) + (ay.abs() + bx.abs());
+    (left - right, ORIENT2D_BOUND * (left.abs() + right.abs()) + FLUSHED * (1.0 + differences))
+}
+
+#[inline]
+pub(crate) fn rounded_orient3d(a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]) -> Rounded {
+    let [ax, ay, az] = [a[0] - d[0], a[1] - d[1], a[2] - d[2]];
+    let [bx, by, bz] = [b[0] - d[0], b[1] - d[1], b[2] - d[2]];
+    let [cx, cy, cz] = [c[0] - d[0], c[1] - d[1], c[2] - d[2]];
+    let (bc, cb) = (bx * cy, cx * by);
+    let (ca, ac) = (cx * ay, ax * cy);
+    let (ab, ba) = (ax * by, bx * ay);
+    let det = az * (bc - cb) + bz * (ca - ac) + cz * (ab - ba);
+    let x = ax.abs() + bx.abs() + cx.abs();
+    let y = ay.abs() + by.abs() + cy.abs();
+    let [az, bz, cz] = [az.abs(), bz.abs(), cz.abs()];
+    let size = az * (bc.abs() + cb.abs()) + bz * (ca.abs() + ac.abs()) + cz * (ab.abs() + ba.abs());
+    (-det, ORIENT3D_BOUND * size + FLUSHED * (1.0 + x) * (1.0 + y) * (1.0 + az + bz + cz))
+}
+
+/// The sign of a value known to within a bound, or the next rung.
+#[inline]
+fn settle<K: Kernel>((value, bound): Rounded, exact: impl FnOnce() -> Sign) -> Sign {
+    if !K::FILTERS {
+        return K::unsettled(Sign::Zero, exact);
+    }
     // Both comparisons are false for NaN and for an infinite bound.
     let certain = if value > bound {
         Sign::Positive
@@ -285,124 +383,11 @@ fn settle<K: Kernel>(value: f64, bound: f64, exact: impl FnOnce() -> Sign) -> Si
 }
 
 fn ladder<K: Kernel>(value: &Interval, exact: impl FnOnce() -> Sign) -> Sign {
-    match value.sign() {
+    match value.sign().filter(|_| K::FILTERS) {
         Some(sign) => {
             K::settled();
             sign
         }
         None => K::unsettled(value.estimate(), exact),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use num_rational::BigRational;
-    use num_traits::Signed;
-    use proptest::prelude::*;
-
-    /// Numbers that meet: small integers, their neighbours, and the ends of the range.
-    fn awkward() -> impl Strategy<Value = f64> {
-        prop_oneof![
-            4 => (-4..5_i32).prop_map(f64::from),
-            2 => (-4..5_i32).prop_map(|v| f64::from(v).next_up()),
-            1 => (-4..5_i32).prop_map(|v| f64::from(v) * 5e-324),
-            1 => (-4..5_i32).prop_map(|v| f64::from(v) * 1e300),
-            1 => (-4..5_i32).prop_map(|v| f64::from(v) * 0.1),
-            1 => any::<u64>().prop_map(f64::from_bits).prop_filter("finite", |v| v.is_finite()),
-        ]
-    }
-
-    fn rational(v: f64) -> BigRational {
-        BigRational::from_float(v).unwrap()
-    }
-
-    fn sign(v: &BigRational) -> Sign {
-        match (v.is_positive(), v.is_negative()) {
-            (true, _) => Sign::Positive,
-            (_, true) => Sign::Negative,
-            _ => Sign::Zero,
-        }
-    }
-
-    /// The determinant of three rows, by the rule of Sarrus.
-    fn determinant([a, b, c]: [[BigRational; 3]; 3]) -> BigRational {
-        let term = |i: usize, j: usize, k: usize| &a[i] * &b[j] * &c[k];
-        term(0, 1, 2) + term(1, 2, 0) + term(2, 0, 1) - term(2, 1, 0) - term(0, 2, 1) - term(1, 0, 2)
-    }
-
-    fn from_to(p: [f64; 3], q: [f64; 3]) -> [BigRational; 3] {
-        [0, 1, 2].map(|k| rational(q[k]) - rational(p[k]))
-    }
-
-    fn point() -> impl Strategy<Value = [f64; 3]> {
-        [awkward(), awkward(), awkward()]
-    }
-
-    proptest! {
-        #[test]
-        fn orientations_are_those_of_rational_arithmetic(a in point(), b in point(), c in point(), d in point()) {
-            let turn = |p: [f64; 3], q: [f64; 3], r: [f64; 3]| {
-                let (u, v) = (from_to(p, q), from_to(p, r));
-                sign(&(&u[0] * &v[1] - &u[1] * &v[0]))
-            };
-            prop_assert_eq!(orient2d(plan(a), plan(b), plan(c)), turn(a, b, c));
-            let volume = sign(&determinant([from_to(a, b), from_to(a, c), from_to(a, d)]));
-            prop_assert_eq!(orient3d(a, b, c, d), volume);
-            prop_assert_eq!(orient3d(b, a, c, d), -volume);
-        }
-
-        #[test]
-        fn crossings_are_those_of_rational_arithmetic(
-            a in point(), b in point(), p in point(), q in point(), t in [point(), point(), point()],
-        ) {
-            let (ga, gb) = (orient2d(plan(p), plan(q), plan(a)), orient2d(plan(p), plan(q), plan(b)));
-            prop_assume!(ga != gb);
-            let side = |u: [f64; 3], v: [f64; 3], x: &[BigRational; 3]| {
-                let e = from_to(u, v);
-                &e[0] * (&x[1] - rational(u[1])) - &e[1] * (&x[0] - rational(u[0]))
-            };
-            let (ra, rb) = (a.map(rational), b.map(rational));
-            let (sa, sb) = (side(p, q, &ra), side(p, q, &rb));
-            let weight = &sa / (&sa - &sb);
-            let x = [0, 1, 2].map(|k| &ra[k] + &weight * (&rb[k] - &ra[k]));
-            prop_assert_eq!(
-                side_of_crossing::<Exact>([plan(a), plan(b)], [plan(p), plan(q)], [plan(t[0]), plan(t[1])]),
-                sign(&side(t[0], t[1], &x))
-            );
-            let up = [0, 1, 2].map(|k| &x[k] - rational(t[0][k]));
-            prop_assert_eq!(
-                height_of_crossing::<Exact>([a, b], [plan(p), plan(q)], t),
-                sign(&determinant([from_to(t[0], t[1]), from_to(t[0], t[2]), up]))
-            );
-        }
-    }
-
-    proptest! {
-        /// Points rounded onto a line or plane: rounded determinants of these are often of the wrong sign.
-        #[test]
-        fn almost_ties_are_decided_as_rational_arithmetic_does(
-            a in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
-            b in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
-            c in [-9.0..9.0_f64, -9.0..9.0, -9.0..9.0],
-            (s, t) in (-1.0..2.0_f64, -1.0..2.0_f64),
-        ) {
-            let on_line = [0, 1, 2].map(|k| a[k] + s * (b[k] - a[k]));
-            let in_plane = [0, 1, 2].map(|k| on_line[k] + t * (c[k] - a[k]));
-            let (u, v) = (from_to(a, b), from_to(a, on_line));
-            prop_assert_eq!(orient2d(plan(a), plan(b), plan(on_line)), sign(&(&u[0] * &v[1] - &u[1] * &v[0])));
-            let volume = sign(&determinant([from_to(a, b), from_to(a, c), from_to(a, in_plane)]));
-            prop_assert_eq!(orient3d(a, b, c, in_plane), volume);
-        }
-    }
-
-    #[test]
-    fn neighbours_of_a_tie_are_told_apart() {
-        let (a, b) = ([0.1, 0.1], [0.3, 0.3]);
-        assert_eq!(orient2d(a, b, [0.2, 0.2]), Sign::Zero);
-        assert_eq!(orient2d(a, b, [0.2, 0.2_f64.next_up()]), Sign::Positive);
-        assert_eq!(orient2d(a, b, [0.2, 0.2_f64.next_down()]), Sign::Negative);
-        assert_eq!(orient2d_with::<FilterOnly>([0.0, 0.0], [1e-200, 1e-200], [1e-200, 2e-200]), Sign::Zero);
-        assert_eq!(orient2d([0.0, 0.0], [1e-200, 1e-200], [1e-200, 2e-200]), Sign::Positive);
     }
 }

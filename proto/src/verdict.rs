@@ -15,7 +15,8 @@ use crate::{
     diamond::{Post, Triangle},
     mesh::Mesh,
     predicates::{
-        Exact, Kernel, Sign, height_of_crossing, orient2d_with, orient3d, orient3d_with, plan, side_of_crossing,
+        Exact, Kernel, Sign, compare, height_of_crossing, orient2d_with, orient3d, orient3d_with, plan,
+        side_of_crossing,
     },
 };
 
@@ -369,5 +370,8 @@ fn cut_chord_ends<K: Kernel>(polygon: &[Post], ab: [[f64; 2]; 2], mut is: impl F
 /// Whether `x` lies in the closed bounding box of `points`; not for no points.
 fn within_box(points: &[[f64; 2]], x: [f64; 2]) -> bool {
     !points.is_empty()
-        && [0, 1].iter().all(|&k| points.iter().any(|p| p[k] <= x[k]) && points.iter().any(|p| p[k] >= x[k]))
+        && [0, 1].iter().all(|&k| {
+            let is = |sign| points.iter().any(|p| compare(p[k], x[k]) != sign);
+            is(Sign::Positive) && is(Sign::Negative)
+        })
 }

@@ -8,6 +8,8 @@
 //! It follows the maximum mipmaps of Tevs, Ihrke and Seidel, "Maximum mipmaps for fast, accurate, and scalable dynamic
 //! height field rendering" (2008), with the minimum beside the maximum.
 
+use sightline_proto::predicates::{Sign, compare};
+
 use crate::terrain::{Grid, HeightField, PAGE_SIDE, PageId, ReadError};
 
 /// Binary logarithm of the cells along the side of a block of the finest level.
@@ -27,6 +29,15 @@ impl Bounds {
     const ANYTHING: Self = Self { low: f32::NEG_INFINITY, high: f32::INFINITY };
 
     fn of(z: f64) -> Self {
+        // Subnormal bounds might be read as zero.
+        if z.abs() < f64::from(f32::MIN_POSITIVE) {
+            let sign = compare(z, 0.0);
+            let bound = |beyond: Sign, limit: f32| if sign == beyond { limit } else { 0.0 };
+            return Self {
+                low: bound(Sign::Negative, -f32::MIN_POSITIVE),
+                high: bound(Sign::Positive, f32::MIN_POSITIVE),
+            };
+        }
         let nearest = z as f32;
         let value = f64::from(nearest);
         Self {

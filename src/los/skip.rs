@@ -18,7 +18,7 @@
 
 use std::ops::Range;
 
-use sightline_proto::predicates::{Exact, Kernel};
+use sightline_proto::predicates::{Exact, FLUSHED, Kernel};
 
 use super::{
     pyramid::Pyramid,
@@ -64,7 +64,7 @@ impl Course {
             return None;
         }
         let rise = b[2] - a[2];
-        let z_error = t_error * rise.abs() + 16.0 * ROUNDOFF * a[2].abs().max(b[2].abs()) + f64::MIN_POSITIVE;
+        let z_error = t_error * rise.abs() + 16.0 * ROUNDOFF * a[2].abs().max(b[2].abs()) + FLUSHED;
         let by = by.map(|d| if d.abs() < STILL { 0.0 } else { d });
         let per = by.map(|d| if d == 0.0 { 0.0 } else { 1.0 / d });
         Some(Self { from: [a[0], a[1]], by, per, z: a[2], rise, z_error, span })

@@ -4,16 +4,19 @@
 //! and x + y in 2Z. Faces are found without rounding: the fractional part of an f64 is an f64, and whether two of them
 //! add up to 1 is decided with the error of the sum at hand.
 
-use num_bigint::BigInt;
+use num_bigint::{BigInt, BigUint};
 use num_rational::BigRational;
-use num_traits::ToPrimitive;
+use num_traits::{Signed, ToPrimitive, Zero};
 use sightline_proto::{
     diamond::{Post, diagonal_rises},
-    predicates::{Kernel, Sign, orient2d_with, orient3d_with},
+    predicates::{Kernel, Sign, compare, orient2d_with, orient3d_with},
 };
 
 use super::{LosError, check_finite};
 use crate::terrain::{Grid, HeightField, Posts, ReadError};
+
+/// Binary logarithm of the least subnormal f64.
+const LEAST_EXPONENT: i64 = -1074;
 
 /// A face of the finest triangulation.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -38,14 +41,16 @@ impl Face {
 
     /// The smallest face that contains the plan point (x, y); `None` outside the grid.
     pub(super) fn at(grid: Grid, [x, y]: [f64; 2]) -> Option<Self> {
-        let inside = |v: f64, posts: u32| v >= 0.0 && v <= f64::from(posts - 1);
+        // By the bits, since a host may have subnormal numbers read as zero.
+        let inside = |v: f64, posts: u32| compare(v, 0.0) != Sign::Negative && v <= f64::from(posts - 1);
         if !inside(x, grid.nx()) || !inside(y, grid.ny()) {
             return None;
         }
-        let (fx, fy) = (x - x.floor(), y - y.floor());
+        let [fx, fy] = [x, y].map(|v| if v < 1.0 { v } else { v - v.floor() });
         let west_south = Post::new(x as u32, y as u32);
         let at = |i, j| Post::new(west_south.i + i, west_south.j + j);
-        Some(match (fx == 0.0, fy == 0.0) {
+        let is_whole = |fraction| compare(fraction, 0.0) == Sign::Zero;
+        Some(match (is_whole(fx), is_whole(fy)) {
             (true, true) => Self::Post([west_south]),
             (true, false) => Self::Edge([west_south, at(0, 1)]),
             (false, true) => Self::Edge([west_south, at(1, 0)]),
@@ -102,17 +107,6 @@ impl Face {
             }
             Self::Triangle([p, q, r]) => orient3d_with::<K>(corner(0, p), corner(1, q), corner(2, r), [x, y, z]),
         }
-    }
-}
-
-fn compare(a: f64, b: f64) -> Sign {
-    // A difference of two f64 rounds to zero only when they are equal.
-    if a > b {
-        Sign::Positive
-    } else if a < b {
-        Sign::Negative
-    } else {
-        Sign::Zero
     }
 }
 
@@ -225,17 +219,61 @@ pub(super) fn rational(v: f64) -> BigRational {
     BigRational::from_float(v).unwrap_or_default()
 }
 
-/// The least f64 not below `value`; `None` when `value` is beyond the range.
+/// The least f64 not below `value`; `None` when `value` is beyond the range. In whole numbers: a rounded quotient is far
+/// off where a host has subnormal numbers flushed to zero.
 fn least_not_below(value: &BigRational) -> Option<f64> {
-    let mut candidate = value.to_f64().filter(|v| v.is_finite())?;
-    while rational(candidate) < *value {
-        candidate = candidate.next_up();
-        if !candidate.is_finite() {
-            return None;
+    if value.is_zero() {
+        return Some(0.0);
+    }
+    let (numerator, denominator) = (value.numer().magnitude(), value.denom().magnitude());
+    let bits = |v: &BigUint| v.bits() as i64;
+    // The weight of the last of 53 or 54 bits.
+    let mut exponent = (bits(numerator) - bits(denominator) - i64::from(f64::MANTISSA_DIGITS)).max(LEAST_EXPONENT);
+    let mantissa = loop {
+        let (left, right) = ((-exponent).max(0) as u64, exponent.max(0) as u64);
+        let (numerator, denominator) = (numerator << left, denominator << right);
+        let up = u64::from(value.is_positive() && !(&numerator % &denominator).is_zero());
+        let mantissa = (numerator / denominator).to_u64()? + up;
+        if mantissa <= 1 << f64::MANTISSA_DIGITS {
+            break mantissa;
+        }
+        exponent += 1;
+    };
+    // The leading bit of a normal number carries into the exponent, as does a mantissa that was rounded up to 2^53.
+    let steps = u64::try_from(exponent - LEAST_EXPONENT).ok().filter(|&steps| steps < f64::MAX_EXP as u64 * 2)?;
+    let magnitude = f64::from_bits((steps << (f64::MANTISSA_DIGITS - 1)) + mantissa);
+    let is_negative = value.is_negative() && mantissa > 0;
+    magnitude.is_finite().then_some(if is_negative { -magnitude } else { magnitude })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn the_least_number_not_below_is_that(v in any::<u64>().prop_map(f64::from_bits), n in -3..4_i64, d in 1..50_i64) {
+            prop_assume!(v.is_finite());
+            let value = rational(v) + BigRational::new(n.into(), d.into()) * rational(v);
+            match least_not_below(&value) {
+                Some(least) => {
+                    prop_assert!(rational(least) >= value, "{least:e} for {v:e} and {n}/{d}");
+                    prop_assert!(!least.next_down().is_finite() || rational(least.next_down()) < value);
+                }
+                None => prop_assert!(value.abs() > rational(f64::MAX)),
+            }
         }
     }
-    while candidate.next_down().is_finite() && rational(candidate.next_down()) >= *value {
-        candidate = candidate.next_down();
+
+    #[test]
+    fn numbers_are_the_least_not_below_themselves() {
+        for v in [0.0, 1.0, -1.0, 5e-324, -5e-324, f64::MIN_POSITIVE, f64::MAX, -f64::MAX, 0.1, -1e-310] {
+            assert_eq!(least_not_below(&rational(v)), Some(v));
+        }
+        assert_eq!(least_not_below(&(rational(f64::MAX) + rational(1.0))), None);
+        assert_eq!(least_not_below(&(rational(-5e-324) / rational(2.0))), Some(0.0));
+        assert_eq!(least_not_below(&(rational(5e-324) / rational(2.0))), Some(5e-324));
     }
-    Some(candidate)
 }

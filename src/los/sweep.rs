@@ -17,20 +17,28 @@
 //! <= 3 e / |D + e2|. Five roundings lie on the way to the product, so where 3 e <= |D|/8 it is off by at most
 //! |Q| (4 e/|D| + 7 u), and the last sum adds at most 1.01 u (max(|qA|, |qB|) + that). Therefore
 //!
-//! error(q) = |Q| (4 e/|D| + 8 u) + 2 u max(|qA|, |qB|) + 2^-1022 (1 + |D|),
+//! error(q) = |Q| (4 e/|D| + 8 u) + 2 u max(|qA|, |qB|) + 2^-1016 (1 + |D|),
 //!
-//! the last term for all underflow: the quotient may lose 2^-1075, which is multiplied by at most 2 |D|. All terms
+//! the last term for all underflow, subnormal numbers that a host has flushed to zero included (e then has another
+//! 2^-1016): the quotient may lose 2^-1022, which is multiplied by at most 2 |D|, and each operand as much. All terms
 //! are at least a tenth larger than needed, which pays for the rounding of the bound itself. Where numbers are so large
 //! that something might overflow, or the errors are no longer small beside a cell, the family is not [`Sweep::trusted`]
 //! and each crossing is decided exactly.
 
-use sightline_proto::{diamond::Post, predicates::Sign};
+use num_rational::BigRational;
+use num_traits::Zero;
+use sightline_proto::{
+    diamond::Post,
+    predicates::{FLUSHED, Sign, compare},
+};
 
-use super::surface::two_sum;
+use super::surface::{rational, two_sum};
 use crate::terrain::Grid;
 
 /// The unit roundoff of f64.
 pub(super) const ROUNDOFF: f64 = f64::EPSILON / 2.0;
+/// Numbers below it, but for zero, have differences, or errors of sums, that may be subnormal.
+const TINY: f64 = 1e-270;
 /// Beyond this magnitude rounded crossings are not trusted: products of two such numbers would overflow.
 const TRUSTED_MAGNITUDE: f64 = 1e150;
 
@@ -61,12 +69,21 @@ impl Family {
     fn side(self, c: i64, p: [f64; 2]) -> Sign {
         let (value, error) = self.function(p);
         let c = c as f64;
-        if value == c {
-            Sign::of(error)
-        } else if value > c {
-            Sign::Positive
-        } else {
-            Sign::Negative
+        match compare(value, c) {
+            Sign::Zero if is_tiny(p) => compare_exactly(&self.exact_function(p), &rational(c)),
+            Sign::Zero => Sign::of(error),
+            sign => sign,
+        }
+    }
+
+    /// The function without rounding.
+    fn exact_function(self, p: [f64; 2]) -> BigRational {
+        let [x, y] = p.map(rational);
+        match self {
+            Self::Column => x,
+            Self::Row => y,
+            Self::Rising => x - y,
+            Self::Falling => x + y,
         }
     }
 
@@ -163,7 +180,7 @@ impl Span {
             // A quotient of two rounded differences is off by at most 3.1 u where it lies in [0, 1]. One that
             // overflowed to NaN changes nothing, since min and max pass over it; to infinity or 0, widens.
             let reach = to - from;
-            if reach.is_finite() && reach != 0.0 {
+            if reach.is_finite() && reach.abs() > TINY {
                 let ends = [-from / reach, (limit - from) / reach];
                 low = low.max(ends[0].min(ends[1]) - 8.0 * ROUNDOFF);
                 high = high.min(ends[0].max(ends[1]) + 8.0 * ROUNDOFF);
@@ -220,8 +237,8 @@ impl Sweep {
         let (v_a, v_b, z_a, z_b) = (family.along(plan_a), family.along(plan_b), a[2], b[2]);
         let reach = g_b - g_a;
         let g_error = match family {
-            Family::Column | Family::Row => 0.0,
-            Family::Rising | Family::Falling => ROUNDOFF * g_a.abs().max(g_b.abs()),
+            Family::Column | Family::Row => FLUSHED,
+            Family::Rising | Family::Falling => ROUNDOFF * g_a.abs().max(g_b.abs()) + FLUSHED,
         };
         let growing = family.side_of_b(plan_a, plan_b);
         let (first, last) = line_range(family, grid, span, plan_a, plan_b);
@@ -230,7 +247,7 @@ impl Sweep {
         let error = |from: f64, to: f64| {
             (to - from).abs() * (4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF)
                 + 2.0 * ROUNDOFF * from.abs().max(to.abs())
-                + f64::MIN_POSITIVE * (1.0 + reach.abs())
+                + FLUSHED * (1.0 + reach.abs())
         };
         let (v_error, z_error) = (error(v_a, v_b), error(z_a, z_b));
         let (v_slope, z_slope) = ((v_b - v_a) / reach, (z_b - z_a) / reach);
@@ -306,16 +323,25 @@ impl Sweep {
 impl Family {
     /// The sign of g(B) - g(A), exactly.
     fn side_of_b(self, a: [f64; 2], b: [f64; 2]) -> Sign {
+        if is_tiny(a) || is_tiny(b) {
+            return compare_exactly(&self.exact_function(b), &self.exact_function(a));
+        }
         let ((value_a, error_a), (value_b, error_b)) = (self.function(a), self.function(b));
         // Rounded values in different order are so exactly; equal ones differ by their errors.
-        if value_b == value_a {
-            Sign::of(error_b - error_a)
-        } else if value_b > value_a {
-            Sign::Positive
-        } else {
-            Sign::Negative
+        match compare(value_b, value_a) {
+            Sign::Zero => Sign::of(error_b - error_a),
+            sign => sign,
         }
     }
+}
+
+/// Whether a coordinate is so small, but not zero, that sums of them may be lost where subnormals are flushed.
+fn is_tiny(p: [f64; 2]) -> bool {
+    p.iter().any(|v| v.abs() < TINY && compare(*v, 0.0) != Sign::Zero)
+}
+
+fn compare_exactly(a: &BigRational, b: &BigRational) -> Sign {
+    (a - b).cmp(&BigRational::zero()).into()
 }
 
 /// The first and last line, in growing order, that the part of AB over the grid may cross and that A and B lie strictly

@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use sightline_proto::{
     diamond::Post,
-    predicates::{Kernel, Sign, orient2d_with, orient3d_with, plan},
+    predicates::{Kernel, Sign, compare, orient2d_with, orient3d_with, plan},
 };
 
 use super::{
@@ -154,7 +154,7 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         // Both ends on the ground of one face: then so is all between them. (A vertical line is excluded: only its
         // lower end may touch.)
         if let [first, second] = touching[..]
-            && plan(self.a) != plan(self.b)
+            && [0, 1].iter().any(|&k| compare(self.a[k], self.b[k]) != Sign::Zero)
             && let Some(face) = first.joined(&second)
         {
             let mut known = true;
@@ -268,15 +268,9 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         if p.void || q.void {
             return Ok(Found::Unknown);
         }
-        if p.z == q.z && self.a[2] == self.b[2] {
+        if compare(p.z, q.z) == Sign::Zero && compare(self.a[2], self.b[2]) == Sign::Zero {
             // Level line over a level edge: as common as lakes, and a comparison.
-            return Ok(Found::Known(if self.a[2] > p.z {
-                Sign::Positive
-            } else if self.a[2] < p.z {
-                Sign::Negative
-            } else {
-                Sign::Zero
-            }));
+            return Ok(Found::Known(compare(self.a[2], p.z)));
         }
         Ok(Found::Known(orient3d_with::<K>(self.a, self.b, space(v, p.z), space(v + 1, q.z)).times(sweep.turn)))
     }
@@ -339,7 +333,9 @@ fn locate(side: impl Fn(i64) -> Sign, (first, last): (i64, i64), hint: f64) -> O
 /// The sign of a value known to within `bound`.
 #[inline]
 fn settle<K: Kernel>(value: f64, bound: f64) -> Option<Sign> {
-    let sign = if value > bound {
+    let sign = if !K::FILTERS {
+        return None;
+    } else if value > bound {
         Sign::Positive
     } else if value < -bound {
         Sign::Negative
