@@ -6,6 +6,9 @@
 //! never ranks a child above its parent, so no split is ever forced, and the mesh is defined without reference to how
 //! it was reached: the longest prefix of the order that fits. And required posts come before all others.
 
+mod nodes;
+mod options;
+mod pace;
 mod queues;
 mod requirements;
 #[cfg(test)]
@@ -19,6 +22,7 @@ use crate::{
     wedgie::ErrorBounds,
 };
 
+pub use options::{MAX_REGIONS, Options, Region, Regions, RegionsError};
 pub use queues::Work;
 pub use requirements::{Fidelity, RequiredLine};
 pub use view_mesh::{MeshReport, ViewMesh};

@@ -113,6 +113,7 @@ fn any_sequence_of_views_gives_the_longest_prefix_that_fits() {
             let report = mesh.update(&camera, target, &[]).unwrap();
             let expected = longest_prefix(&terrain, &camera, target);
             assert_eq!(set(&mesh), expected, "seed {seed}, step {step}");
+            mesh.check();
             check_conforming(&mesh, &report);
         }
     }
@@ -131,6 +132,7 @@ fn small_movements_give_the_same_as_from_scratch() {
         let camera = Camera::new(eye, rotation, projection, [640, 480]).unwrap();
         let target = Target::TriangleBudget(1500 + 700 * (step / 30 % 2));
         let report = mesh.update(&camera, target, &[]).unwrap();
+        mesh.check();
         let mut scratch = ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap();
         let from_scratch = scratch.update(&camera, target, &[]).unwrap();
         assert_eq!(mesh.active_posts(), scratch.active_posts());

@@ -8,8 +8,8 @@ use sightline_proto::{
 };
 
 use super::{
-    MeshError, RequiredLine, Target, Terrain, Work,
-    queues::DualQueue,
+    MeshError, Options, RequiredLine, Target, Terrain, Work,
+    queues::{Allowance, DualQueue},
     requirements::{Limits, Outcome, Requirements},
 };
 use crate::{
@@ -41,7 +41,7 @@ pub struct MeshReport {
 #[derive(Debug)]
 pub struct ViewMesh<T> {
     queue: DualQueue<T>,
-    camera: Camera,
+    options: Options,
     requirements: Requirements,
     /// What the mesh was made for; `None` before the first update and after a failed one.
     made_for: Option<(Camera, Target, Vec<RequiredLine>)>,
@@ -51,10 +51,9 @@ pub struct ViewMesh<T> {
 impl<T: Terrain> ViewMesh<T> {
     /// A mesh of two triangles over `terrain`, whose grid has the `scale`.
     pub fn new(terrain: Arc<T>, scale: SceneScale) -> Result<Self, ReadError> {
-        let camera = Camera::everywhere();
-        let queue = DualQueue::new(terrain, scale, &camera)?;
+        let queue = DualQueue::new(terrain, scale)?;
         let (requirements, report) = (Requirements::default(), MeshReport::default());
-        Ok(Self { queue, camera, requirements, made_for: None, report })
+        Ok(Self { queue, options: Options::default(), requirements, made_for: None, report })
     }
 
     /// The terrain.
@@ -67,6 +66,13 @@ impl<T: Terrain> ViewMesh<T> {
         self.queue.scale()
     }
 
+    /// How the mesh is refined from the next update on.
+    pub fn set_options(&mut self, options: Options) {
+        if options != self.options {
+            (self.options, self.made_for) = (options, None);
+        }
+    }
+
     /// Makes the mesh what `camera`, `target` and `lines` ask for. Ids are unique; the order of the lines is their
     /// own.
     ///
@@ -74,17 +80,19 @@ impl<T: Terrain> ViewMesh<T> {
     /// not; only the cost does.
     pub fn update(&mut self, camera: &Camera, target: Target, lines: &[RequiredLine]) -> Result<MeshReport, MeshError> {
         let (max, threshold) = target.limits()?;
-        self.queue.work = Work::default();
+        self.queue.begin(&self.options);
         let unchanged = matches!(&self.made_for, Some((c, t, l)) if c == camera && *t == target && l == lines);
         if !unchanged {
             self.made_for = None;
-            let limits = Limits { camera, max, threshold };
+            let limits = Limits { camera, allowed: Allowance { max, threshold } };
             let Outcome { unsatisfied, stolen } = self.refine(limits, lines)?;
             (self.report.unsatisfied, self.report.stolen) = (unsatisfied, stolen);
-            self.made_for = Some((*camera, target, lines.to_vec()));
+            self.report.bound_px = self.queue.bound();
+            self.queue.settle(threshold);
+            // Cut short, the mesh is not yet what was asked for.
+            self.made_for = (!self.queue.is_cut_short()).then(|| (*camera, target, lines.to_vec()));
         }
         self.report.triangles = u32::try_from(self.queue.triangles()).unwrap_or(u32::MAX);
-        self.report.bound_px = self.queue.bound();
         (self.report.added, self.report.removed) = self.queue.take_changes();
         self.report.work = self.queue.work;
         Ok(self.report.clone())
@@ -92,20 +100,26 @@ impl<T: Terrain> ViewMesh<T> {
 
     /// The plain mesh first, with nothing left of earlier requirements; then the lines.
     fn refine(&mut self, limits: Limits<'_>, lines: &[RequiredLine]) -> Result<Outcome, ReadError> {
-        let Limits { camera, max, threshold } = limits;
+        self.queue.look(limits.camera)?;
         self.queue.release();
-        if self.camera != *camera {
-            self.camera = *camera;
-            self.queue.look(camera);
-            self.queue.requeue();
-        }
-        self.queue.refine(camera, max, threshold)?;
+        self.queue.refine(limits.allowed)?;
         self.requirements.satisfy(&mut self.queue, limits, lines)
     }
 
     /// How many posts are held in memory: the active ones and those that could be split next.
     pub fn posts_held(&self) -> usize {
         self.queue.posts_held()
+    }
+
+    /// Checks what the queues take for granted.
+    #[cfg(test)]
+    pub(super) fn check(&self) {
+        self.queue.check();
+    }
+
+    /// Bytes of memory held for the mesh and its queues, without what is known of lines.
+    pub fn memory_bytes(&self) -> usize {
+        size_of::<Self>() + self.queue.bytes()
     }
 
     /// The active posts that are no corners, with their heights, by row and column.

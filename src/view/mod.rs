@@ -7,11 +7,14 @@
 //!
 //! Arithmetic is f64 with + - * / and square root only, in a written order: the same bits on every machine.
 
+mod appraisal;
 #[cfg(test)]
 mod tests;
 
 use glam::{DQuat, DVec3};
 use thiserror::Error;
+
+pub use appraisal::{Appraisal, Motion};
 
 /// Furthest that an eye may be from post (0, 0) in any direction, in metres. The margin of the bounding balls
 /// (see `wedgie`) dominates rounding up to here, for posts 4 mm apart and wider.
@@ -112,6 +115,14 @@ struct Eye {
     secant: f64,
 }
 
+/// Planes of the frustum on whose inner side a ball wholly lies: the near plane, then the four sides.
+#[derive(Clone, Copy, PartialEq, Eq, Default, Debug)]
+pub struct Planes(u8);
+
+impl Planes {
+    const ALL: u8 = 0b1_1111;
+}
+
 /// Widens a bound over the rounding of the few operations that make it.
 const BOUND_MARGIN: f64 = 1.0 + 1.0 / 1_099_511_627_776.0;
 
@@ -179,7 +190,19 @@ impl Camera {
         match &self.eye {
             _ if thickness_m <= 0.0 => 0.0,
             None => thickness_m,
-            Some(eye) => eye.priority(thickness_m, centre, radius_m),
+            Some(eye) => eye.priority(Planes::default(), thickness_m, centre, radius_m).0,
+        }
+    }
+
+    /// [`Camera::priority`] of a ball that lies in another one, which is wholly on the inner side of the planes
+    /// `inside`; and the planes that this ball is wholly on the inner side of.
+    ///
+    /// The priority is the same, bit for bit: what lies in a ball on the inner side of a plane is not on the outer one.
+    pub fn priority_within(&self, inside: Planes, thickness_m: f64, centre: DVec3, radius_m: f64) -> (f64, Planes) {
+        match &self.eye {
+            _ if thickness_m <= 0.0 => (0.0, inside),
+            None => (thickness_m, inside),
+            Some(eye) => eye.priority(inside, thickness_m, centre, radius_m),
         }
     }
 
@@ -215,34 +238,53 @@ impl Eye {
     /// zmin does not fall and h does not rise towards a contained ball; rounding is monotone.
     ///
     /// *Parallel.* The places differ by t (ux, uy), wherever P is.
-    fn priority(&self, thickness_m: f64, centre: DVec3, radius_m: f64) -> f64 {
+    fn priority(&self, inside: Planes, thickness_m: f64, centre: DVec3, radius_m: f64) -> (f64, Planes) {
         let offset = centre - self.eye;
         let depth = dot(offset, self.forward);
-        if depth + radius_m < self.near_m {
-            return 0.0;
-        }
-        let margin = match self.projection {
-            Projection::Perspective { .. } => [radius_m; 2],
-            Projection::Orthographic { .. } => [radius_m + self.half[0], radius_m + self.half[1]],
-        };
-        for (n, side) in self.sides.iter().enumerate() {
-            if dot(offset, *side) < -margin[n / 2] {
-                return 0.0;
-            }
-        }
+        let Some(inside) = self.cull(inside, offset, depth, radius_m) else { return (0.0, inside) };
         let nearest = depth - radius_m;
         // Not `nearest <= near`: a ball of infinite radius must not slip through as NaN either.
         if !(nearest > self.near_m && thickness_m.is_finite()) {
-            return f64::INFINITY;
+            return (f64::INFINITY, inside);
         }
-        match self.projection {
+        let priority = match self.projection {
             Projection::Perspective { .. } => {
                 let horizontal = (offset.x * offset.x + offset.y * offset.y).sqrt() + radius_m;
                 let spread = (self.secant / nearest).min(horizontal / (nearest * nearest));
                 self.weight * thickness_m * spread
             }
             Projection::Orthographic { .. } => self.weight * thickness_m,
+        };
+        (priority, inside)
+    }
+
+    /// `None` when one of the planes that are not in `inside` has the whole ball on its outer side; else `inside` with
+    /// the planes that have the whole ball on their inner side.
+    fn cull(&self, inside: Planes, offset: DVec3, depth: f64, radius_m: f64) -> Option<Planes> {
+        let mut now = inside;
+        if inside.0 & 1 == 0 {
+            if depth + radius_m < self.near_m {
+                return None;
+            }
+            now.0 |= u8::from(depth - radius_m >= self.near_m);
         }
+        if inside.0 | 1 == Planes::ALL {
+            return Some(now);
+        }
+        let half = match self.projection {
+            Projection::Perspective { .. } => [0.0; 2],
+            Projection::Orthographic { .. } => self.half,
+        };
+        for (n, side) in self.sides.iter().enumerate() {
+            if inside.0 >> (n + 1) & 1 == 0 {
+                let distance = dot(offset, *side);
+                if distance < -(radius_m + half[n / 2]) {
+                    return None;
+                }
+                now.0 |= u8::from(distance >= radius_m) << (n + 1);
+            }
+        }
+        Some(now)
     }
 
     /// Place in the picture, in the unit of `half`, and depth.

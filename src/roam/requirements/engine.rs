@@ -24,7 +24,7 @@ use super::{
 use crate::{
     roam::{
         Terrain,
-        queues::{DualQueue, KeyMap},
+        queues::{Allowance, DualQueue, KeyMap},
     },
     terrain::ReadError,
     view::Camera,
@@ -39,10 +39,7 @@ const MAX_ROUNDS_ALONE: usize = 12;
 #[derive(Clone, Copy, Debug)]
 pub(in crate::roam) struct Limits<'a> {
     pub(in crate::roam) camera: &'a Camera,
-    /// Greatest number of triangles.
-    pub(in crate::roam) max: u32,
-    /// Priority above which a diamond is split voluntarily.
-    pub(in crate::roam) threshold: f64,
+    pub(in crate::roam) allowed: Allowance,
 }
 
 /// What came of it.
@@ -157,10 +154,9 @@ impl<T: Terrain> Run<'_, T> {
 
     /// Tells the queue what is required, lets it refine, and checks the lines that this may have changed.
     fn apply(&mut self) -> Result<(), ReadError> {
-        let Limits { camera, max, threshold } = self.limits;
-        self.queue.require(&self.required.since(self.told), camera)?;
+        self.queue.require(&self.required.since(self.told))?;
         self.told = self.required.len();
-        self.queue.refine(camera, max, threshold)?;
+        self.queue.refine(self.limits.allowed)?;
         self.check_changed()
     }
 
@@ -173,7 +169,7 @@ impl<T: Terrain> Run<'_, T> {
     }
 
     fn fits(&self) -> bool {
-        self.required.triangles() <= u64::from(self.limits.max)
+        self.required.triangles() <= u64::from(self.limits.allowed.max)
     }
 
     /// Adds what the first `count` lines need, round by round, until those not dropped all hold: `true`. `false` when
