@@ -16,12 +16,13 @@ use sightline_proto::verdict::MeshVerdict;
 const SCALE: SceneScale = SceneScale { east_m: 74.0, north_m: 92.5, up_m: 1.0 };
 
 #[test]
-#[ignore = "needs half a minute; prints how long all bounds of 4801 x 4801 posts take"]
+#[ignore = "needs half a minute; prints how long all bounds of SIGHTLINE_SIDE (4097) posts squared take"]
 fn bounds_of_a_large_terrain() {
-    let field = synthetic::fractal(4801, 4801, 1, 4000).unwrap();
+    let side = std::env::var("SIGHTLINE_SIDE").map_or(4097, |s| s.parse().expect("SIGHTLINE_SIDE is a whole number"));
+    let field = synthetic::fractal(side, side, 1, 4000).unwrap();
     let start = Instant::now();
     let pyramid = BoundsPyramid::compute(&field, SCALE).unwrap();
-    println!("{:?} for {} lattices", start.elapsed(), pyramid.lattices().len());
+    println!("{:?} for {} lattices of {side} x {side} posts", start.elapsed(), pyramid.lattices().len());
 }
 
 /// A number in [0, 1) that depends on `n` only.

@@ -47,7 +47,8 @@ impl Post {
         Self { i: key as u32, j: (key >> 32) as u32 }
     }
 
-    fn offset(self, di: i64, dj: i64, side: u32) -> Option<Self> {
+    /// The post `di` east and `dj` north of this one; `None` outside the square of `side` cells from (0, 0).
+    pub fn offset(self, di: i64, dj: i64, side: u32) -> Option<Self> {
         let at = |v: u32, d: i64| u32::try_from(i64::from(v) + d).ok().filter(|&v| v <= side);
         Some(Self { i: at(self.i, di)?, j: at(self.j, dj)? })
     }

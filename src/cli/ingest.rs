@@ -126,7 +126,6 @@ impl Args {
             Stage::Reading => progress.tell("reading", p.done, p.total),
             Stage::Filling => progress.tell("filling voids", 0, 0),
             Stage::Measuring => progress.tell("measuring", p.done, p.total),
-            Stage::Nesting => progress.tell("nesting", p.done, p.total),
             Stage::Writing => progress.tell("writing", p.done, p.total),
         });
         progress.finish();

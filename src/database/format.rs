@@ -69,8 +69,10 @@ pub(super) enum Element {
     I16,
     /// A 32-bit height.
     I32,
-    /// Three f32: tight, nested, radius.
+    /// Three f32: tight, nested, radius. Read, but no longer written.
     Bounds,
+    /// The same in 24 bits each: an f32 that is not negative without its sign and its last seven bits.
+    ShortBounds,
     /// Of a section that is skipped.
     Other(u32),
 }
@@ -82,6 +84,7 @@ impl Element {
             1 => Self::I16,
             2 => Self::I32,
             3 => Self::Bounds,
+            4 => Self::ShortBounds,
             n => Self::Other(n),
         }
     }
@@ -92,6 +95,7 @@ impl Element {
             Self::I16 => 1,
             Self::I32 => 2,
             Self::Bounds => 3,
+            Self::ShortBounds => 4,
             Self::Other(n) => n,
         }
     }

@@ -20,7 +20,7 @@ use super::{
 use crate::{
     dem::{DemError, Raster, SeamReport},
     terrain::{Grid, GridError, PAGE_SIDE, ReadError, SceneScale},
-    wedgie::{BoundsPhase, BoundsPyramid},
+    wedgie::BoundsPyramid,
 };
 
 /// What is done about posts without data.
@@ -55,8 +55,6 @@ pub enum Stage {
     Filling,
     /// Measuring the deviations of the hierarchy's triangles.
     Measuring,
-    /// Deriving nested bounds from them.
-    Nesting,
     /// Writing the file.
     Writing,
 }
@@ -168,17 +166,12 @@ pub fn ingest(
         None => SceneScale { up_m: unit_m, ..SceneScale::UNIT },
     };
     let bounds = {
-        let state = Mutex::new((Stage::Measuring, 0, &mut tell));
-        BoundsPyramid::compute_with(&field, scale, &|phase, more| {
-            let stage = match phase {
-                BoundsPhase::Measuring => Stage::Measuring,
-                BoundsPhase::Nesting => Stage::Nesting,
-            };
+        let state = Mutex::new((0, &mut tell));
+        BoundsPyramid::compute_with(&field, scale, &|more| {
             let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
-            let before = if state.0 == stage { state.1 } else { 0 };
-            (state.0, state.1) = (stage, (before + more).min(total));
-            let done = state.1;
-            (state.2)(stage, done);
+            state.0 = (state.0 + more).min(total);
+            let done = state.0;
+            (state.1)(Stage::Measuring, done);
         })?
     };
     let seams = raster.seams();
@@ -279,7 +272,7 @@ mod tests {
         let options = IngestOptions { sources: vec!["a".into()], ..IngestOptions::default() };
         let done = ingest(&mut raster(height), &path, &options, &mut |p| stages.push(p.stage)).unwrap();
         stages.dedup();
-        assert_eq!(stages, [Stage::Reading, Stage::Filling, Stage::Measuring, Stage::Nesting, Stage::Writing]);
+        assert_eq!(stages, [Stage::Reading, Stage::Filling, Stage::Measuring, Stage::Writing]);
         assert_eq!((done.posts, done.void_posts, done.unit_m), (90 * 130, 90, 0.25));
         let database = Database::open(&path, OpenOptions::default()).unwrap();
         assert_eq!(database.version(), done.written.version);

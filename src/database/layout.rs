@@ -24,8 +24,6 @@ use crate::terrain::{PAGE_SIDE, PageId};
 pub(super) const QUAD_SIDE: u32 = 16;
 /// Diamonds of a quad.
 pub(super) const QUAD_DIAMONDS: usize = 3;
-/// Bytes of a diamond's bounds.
-pub(super) const BOUNDS_BYTES: usize = 12;
 
 /// How a paged section is cut into pages.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -51,7 +49,7 @@ impl Paging {
     pub(super) fn of_section(section: &Section) -> Option<Self> {
         match section.element {
             Element::I16 | Element::I32 => Some(Self::of_heights(section.columns, section.rows)),
-            Element::Bounds => Some(Self::of_lattice(section.columns, section.rows)),
+            Element::Bounds | Element::ShortBounds => Some(Self::of_lattice(section.columns, section.rows)),
             Element::Byte | Element::Other(_) => None,
         }
     }

@@ -3,7 +3,7 @@
 use super::{
     directory::HAS_VOIDS,
     format::Element,
-    layout::{BOUNDS_BYTES, QUAD_DIAMONDS, QUAD_SIDE},
+    layout::{QUAD_DIAMONDS, QUAD_SIDE},
 };
 use crate::{
     terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, Samples},
@@ -17,10 +17,14 @@ pub(super) fn page_bytes(element: Element, size: (u32, u32), flags: u32) -> Opti
     match (element, flags) {
         (Element::I16, 0 | HAS_VOIDS) => Some(2 * cells + voids),
         (Element::I32, 0 | HAS_VOIDS) => Some(4 * cells + voids),
-        (Element::Bounds, 0) => Some(cells * QUAD_DIAMONDS * BOUNDS_BYTES),
+        (Element::Bounds, 0) => Some(12 * cells * QUAD_DIAMONDS),
+        (Element::ShortBounds, 0) => Some(SHORT_BYTES * cells * QUAD_DIAMONDS),
         _ => None,
     }
 }
+
+/// Bytes of the bounds of a diamond as they are written.
+pub(super) const SHORT_BYTES: usize = 9;
 
 /// The index in a [`HeightPage`] of each post of a page of `size` posts, in the order of the file.
 fn posts((w, h): (u32, u32)) -> impl Iterator<Item = usize> {
@@ -128,12 +132,15 @@ impl BoundsPage {
     }
 }
 
-/// Adds the bytes of one diamond's bounds.
+/// Adds the bytes of one diamond's bounds; those that do not fit into 24 bits are rounded up.
 pub(super) fn encode_bounds(out: &mut Vec<u8>, bounds: DiamondBounds) {
     for v in [bounds.tight, bounds.nested, bounds.radius_m] {
-        out.extend_from_slice(&v.to_le_bytes());
+        out.extend_from_slice(&(v.to_bits().div_ceil(1 << SHORT_SHIFT)).to_le_bytes()[..3]);
     }
 }
+
+/// Bits that a short bound lacks at the low end.
+const SHORT_SHIFT: u32 = 7;
 
 /// What is wrong with `bounds`, if anything. Infinite ones are sound: nothing less is sure.
 pub(super) fn check_bounds(bounds: &DiamondBounds) -> Result<(), String> {
@@ -143,12 +150,20 @@ pub(super) fn check_bounds(bounds: &DiamondBounds) -> Result<(), String> {
 }
 
 /// The page of bounds in `bytes`, which are as many as [`page_bytes`] says.
-pub(super) fn decode_bounds(bytes: &[u8], size: (u32, u32)) -> Result<BoundsPage, String> {
-    let (words, _) = bytes.as_chunks::<4>();
-    let (triples, _) = words.as_chunks::<3>();
+pub(super) fn decode_bounds(bytes: &[u8], element: Element, size: (u32, u32)) -> Result<BoundsPage, String> {
+    let values: Vec<f32> = match element {
+        Element::ShortBounds => {
+            let (values, _) = bytes.as_chunks::<3>();
+            values.iter().map(|&[a, b, c]| f32::from_bits(u32::from_le_bytes([a, b, c, 0]) << SHORT_SHIFT)).collect()
+        }
+        _ => {
+            let (values, _) = bytes.as_chunks::<4>();
+            values.iter().map(|&value| f32::from_le_bytes(value)).collect()
+        }
+    };
+    let (triples, _) = values.as_chunks::<3>();
     let mut diamonds = Vec::with_capacity(triples.len());
-    for triple in triples {
-        let [tight, nested, radius_m] = triple.map(f32::from_le_bytes);
+    for &[tight, nested, radius_m] in triples {
         let bounds = DiamondBounds { tight, nested, radius_m };
         check_bounds(&bounds)?;
         diamonds.push(bounds);

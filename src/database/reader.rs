@@ -193,7 +193,8 @@ impl Database {
         }
         let paging = Paging::of_lattice(self.sections[section].columns, self.sections[section].rows);
         let (bytes, _) = self.page_bytes(section, &paging, paging.number(id))?;
-        let page = pages::decode_bounds(&bytes, paging.size(id)).map_err(|e| self.damaged(section, id, e))?;
+        let page = pages::decode_bounds(&bytes, self.sections[section].element, paging.size(id))
+            .map_err(|e| self.damaged(section, id, e))?;
         let page = Arc::new(page);
         self.cache.insert(key, Cached::Bounds(Arc::clone(&page)), page.weight());
         Ok(page)
@@ -346,7 +347,7 @@ fn check_sections(sections: &[Section], grid: Grid) -> Result<(usize, Vec<usize>
                 heights.push(number);
                 section.level == 0 && (section.columns, section.rows) == (grid.nx(), grid.ny())
             }
-            (Kind::Bounds, Element::Bounds) => {
+            (Kind::Bounds, Element::Bounds | Element::ShortBounds) => {
                 lattices.push(number);
                 let most = side.checked_shr(section.level).map_or(0, |n| n + 1);
                 section.level as usize == lattices.len() && section.columns <= most && section.rows <= most

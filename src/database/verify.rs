@@ -150,7 +150,7 @@ fn check_page(database: &Database, section: usize, paging: &Paging, n: u64) -> R
     };
     let s = &database.sections[section];
     if s.kind == Kind::Bounds {
-        pages::decode_bounds(&bytes, size).map_err(damaged)?;
+        pages::decode_bounds(&bytes, s.element, size).map_err(damaged)?;
         return Ok(seen);
     }
     let page = pages::decode_heights(&bytes, s.element, size, entry.flags).map_err(damaged)?;

@@ -16,7 +16,7 @@ use super::{
     envelope,
     error::WriteError,
     format::{self, Element, Kind, REQUIRED, Section},
-    layout::{BOUNDS_BYTES, Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
+    layout::{Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
     manifest::{MANIFEST_LIMIT, Manifest, Provenance, TerrainManifest},
     pages,
 };
@@ -292,8 +292,8 @@ pub(super) fn plan(
     let mut sections = vec![manifest, heights];
     for (level, &(columns, rows)) in (1..).zip(lattices) {
         let quads = u64::from(columns.div_ceil(2)) * u64::from(rows.div_ceil(2));
-        let length = quads * (QUAD_DIAMONDS * BOUNDS_BYTES) as u64;
-        let (kind, element) = (Kind::Bounds, Element::Bounds);
+        let length = quads * (QUAD_DIAMONDS * pages::SHORT_BYTES) as u64;
+        let (kind, element) = (Kind::Bounds, Element::ShortBounds);
         sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
     }
     let mut end = format::front_bytes(sections.len());

@@ -1,94 +1,32 @@
-//! The tight thickness of every stored diamond: one pass over the grid, block by block.
+//! The tight thickness of a diamond: the greatest deviation of a post of the grid from its triangles.
 //!
-//! A block is 64 by 64 cells with its border. For each half-length b = 2^k the square cells of side 2b that meet the
-//! block are visited. Each has the two triangles of the square diamond at its centre and one triangle of each of the
-//! four tilted diamonds on its sides:
+//! **Small diamonds** ([`scan`]): all posts, row by row. A triangle's closed area is cut out of the grid by bounds on i,
+//! j, i - j and i + j, because its edges run along these directions only.
 //!
-//! ```text
-//!   ┌───────┐   ┌───────┐
-//!   │ \     │   │ \   / │    A triangle's closed area is cut out of the block by bounds on i, j, i - j and i + j,
-//!   │   \   │   │  >c<  │    because its edges run along these directions only.
-//!   │     \ │   │ /   \ │
-//!   └───────┘   └───────┘
-//! ```
-//!
-//! Each block adds what it sees of a triangle to its diamond by an atomic maximum; a maximum does not depend on order,
-//! so neither does the result. Every level reads every post once: O(N log N) in all.
-
-use std::sync::atomic::{AtomicU32, Ordering};
+//! **Large diamonds** ([`search`]): few posts. Below a triangle T lie the triangles T' that descend from it. Over T' the
+//! finest surface strays from the plane of T by at most what it strays from the plane of T', which is no more than the
+//! tight thickness of the diamond of T', plus the distance of the two planes, which is linear over T' and so greatest
+//! at one of its corners. The corners are posts that the search has met. So it descends from T, keeps the greatest
+//! deviation of a post so far, and leaves out T' where that bound is no greater. What it finds is the true maximum,
+//! since all that is left out is no greater. Scanning would visit every post once for each level; the search visits some
+//! dozens of posts a diamond, whatever its size.
 
 use rayon::prelude::*;
 use sightline_proto::diamond::{Post, Triangle};
 
-use super::round_up;
-use crate::terrain::{Grid, HeightField, PAGE_SIDE, PageId, Posts, ReadError, Samples};
+use super::{
+    band::{Band, Heights},
+    round_up,
+};
+use crate::terrain::{Grid, HeightField, PageId, ReadError, Samples};
 
-/// Cells along the side of a block, at most.
-const BLOCK_CELLS: u32 = 64;
-/// Posts along the side of a block, borders included.
-const BLOCK_POSTS: usize = BLOCK_CELLS as usize + 1;
-
-/// f32 maxima of all posts of one lattice (step 2^k), as bits: for floats that are not negative, bits order as values.
-pub(super) struct Maxima {
-    columns: u32,
-    rows: u32,
-    bits: Vec<AtomicU32>,
-}
-
-impl Maxima {
-    pub(super) fn new(columns: u32, rows: u32) -> Self {
-        let posts = columns as usize * rows as usize;
-        Self { columns, rows, bits: (0..posts).map(|_| AtomicU32::new(0)).collect() }
-    }
-
-    /// Raises the value at column `a` and row `b` of the lattice, if it is stored, to `value`.
-    pub(super) fn raise(&self, a: u32, b: u32, value: f32) {
-        if a < self.columns && b < self.rows && value > 0.0 {
-            let cell = &self.bits[b as usize * self.columns as usize + a as usize];
-            if cell.load(Ordering::Relaxed) < value.to_bits() {
-                cell.fetch_max(value.to_bits(), Ordering::Relaxed);
-            }
-        }
-    }
-
-    pub(super) fn get(&self, a: u32, b: u32) -> f32 {
-        f32::from_bits(self.bits[b as usize * self.columns as usize + a as usize].load(Ordering::Relaxed))
-    }
-}
-
-/// Raises `tight[k - 1]`, for each stored lattice of step 2^k, to the deviations of its diamonds.
+/// Whether f64 arithmetic makes no rounding error in deviations on this field's heights.
 ///
-/// `progress` is told, from any thread, how many posts more are done.
-pub(super) fn measure<H: HeightField + ?Sized>(
-    field: &H,
-    tight: &[Maxima],
-    progress: &(dyn Fn(u64) + Sync),
-) -> Result<(), ReadError> {
-    let grid = field.grid();
-    let cells = BLOCK_CELLS.min(grid.root().side());
-    let exact = arithmetic_is_exact(field)?;
-    // A block that begins on the last column of the grid touches it, and so may its diamonds.
-    let blocks = |posts: u32| ((posts - 1) / cells + 1).min(grid.root().side() / cells);
-    let (columns, rows) = (blocks(grid.nx()), blocks(grid.ny()));
-    (0..u64::from(columns) * u64::from(rows)).into_par_iter().try_for_each_init(
-        || (Posts::new(field), vec![0.0; BLOCK_POSTS * BLOCK_POSTS]),
-        |(posts, z), n| {
-            let (x0, y0) = ((n % u64::from(columns)) as u32 * cells, (n / u64::from(columns)) as u32 * cells);
-            Block::load(posts, z, x0, y0, cells, exact)?.measure(posts, tight)?;
-            let within = |start: u32, posts: u32| u64::from(posts.saturating_sub(start).min(cells));
-            progress(within(x0, grid.nx()) * within(y0, grid.ny()));
-            Ok(())
-        },
-    )
-}
-
-/// Whether f64 arithmetic makes no rounding error in [`Block::deviation`] on this field's heights.
-///
-/// Let all heights be multiples of 2^l and below 2^(h+1) in magnitude, and the root exponent m. Slopes are differences
-/// divided by powers of two up to 2^m (the apex against the base's midpoint: one more), offsets are integers: so every
-/// intermediate value is a multiple of 2^(l-m-1). None exceeds seven times the greatest height. With h + 4 - (l - m -
-/// 1) at most 53, each is an f64.
-fn arithmetic_is_exact<H: HeightField + ?Sized>(field: &H) -> Result<bool, ReadError> {
+/// Let all heights be multiples of 2^l and below 2^(h+1) in magnitude, and the root exponent m. The slopes of a plane
+/// are differences over a power of two up to 2^m (or half of one more, against the base's midpoint), so its height over
+/// any post is a multiple of 2^(l-m-1), and so are the sums before they are halved. None exceeds four times the
+/// greatest height. With h + 4 - (l - m - 1) at most 53, each is an f64.
+pub(super) fn arithmetic_is_exact<H: HeightField + ?Sized>(field: &H) -> Result<bool, ReadError> {
     let (columns, rows) = field.grid().pages();
     let page = |n: u64| PageId { pi: (n % u64::from(columns)) as u32, pj: (n / u64::from(columns)) as u32 };
     let spans = (0..u64::from(columns) * u64::from(rows))
@@ -119,133 +57,207 @@ fn exponents(samples: &Samples) -> (i32, i32) {
     }
 }
 
-/// A square piece of the grid with clamped heights, and how much of it is grid.
-struct Block<'a> {
-    grid: Grid,
-    x0: u32,
-    y0: u32,
-    cells: u32,
-    /// Last column and row of the block that belong to the grid, as posts.
-    last: Post,
-    exact: bool,
-    z: &'a [f64],
+/// Half a unit in the last place of 1.
+const EPSILON: f64 = 0.5 * f64::EPSILON;
+
+/// The tight thickness of the diamond at `p`, no corner, by visiting all its posts; rounded up.
+///
+/// `exact` is what [`arithmetic_is_exact`] says of the field.
+pub(super) fn scan(band: &Band, exact: bool, p: Post) -> f32 {
+    let (grid, mut found) = (band.grid(), Found::default());
+    if (p.i | p.j).trailing_zeros() == 1 && p.i >= 2 && p.j >= 2 && p.i + 2 < grid.nx() && p.j + 2 < grid.ny() {
+        let rows = [p.j - 2, p.j - 1, p.j, p.j + 1, p.j + 2].map(|j| &band.row(j)[p.i as usize - 2..][..5]);
+        found.five_by_five(rows, p);
+        return found.bound(exact);
+    }
+    for triangle in band.grid().root().triangles(p) {
+        let z = [triangle.apex, triangle.e0, triangle.e1].map(|corner| band.height(corner));
+        found.meet(z);
+        found.greatest = scan_rows(band, &Span::of(&triangle), &Plane::through(&triangle, z), found.greatest);
+    }
+    found.bound(exact)
 }
 
-impl<'a> Block<'a> {
-    fn load<H: HeightField + ?Sized>(
-        posts: &mut Posts<'_, H>,
-        z: &'a mut [f64],
-        x0: u32,
-        y0: u32,
-        cells: u32,
-        exact: bool,
-    ) -> Result<Self, ReadError> {
-        let grid = posts.grid();
-        for j in 0..=cells {
-            let row = &mut z[j as usize * BLOCK_POSTS..][..=cells as usize];
-            let mut i = 0;
-            while i <= cells {
-                // A run of posts of the row that lie on one page, or one padding post.
-                let p = grid.clamp(Post::new(x0 + i, y0 + j));
-                let run = (PAGE_SIDE - p.i % PAGE_SIDE).min(grid.nx() - p.i).min(cells + 1 - i);
-                let page = posts.page(PageId::of(p))?;
-                for n in 0..run {
-                    row[(i + n) as usize] = page.at(p.i % PAGE_SIDE + n, p.j % PAGE_SIDE).z;
-                }
-                i += run;
-            }
+/// The tight thickness of the diamond at `p`, no corner, by leaving out what cannot matter; rounded up.
+///
+/// `finer` tells that of a diamond below it that is not of the finest two levels.
+pub(super) fn search(
+    grid: Grid,
+    heights: &mut impl Heights,
+    finer: &impl Fn(Post) -> f32,
+    exact: bool,
+    p: Post,
+) -> Result<f32, ReadError> {
+    let mut search = Search { grid, heights, finer, found: Found::default() };
+    for triangle in grid.root().triangles(p) {
+        let mut z = [0.0; 3];
+        for (z, corner) in z.iter_mut().zip([triangle.apex, triangle.e0, triangle.e1]) {
+            *z = search.heights.z(corner)?;
         }
-        let last = grid.clamp(Post::new(x0 + cells, y0 + cells));
-        Ok(Self { grid, x0, y0, cells, last, exact, z })
+        search.found.meet(z);
+        search.descend(&triangle, z, [0.0; 3])?;
+    }
+    Ok(search.found.bound(exact))
+}
+
+/// What was found of a diamond.
+struct Found {
+    /// The greatest deviation of a post of the grid; -1 before the first.
+    greatest: f64,
+    /// The greatest height of a corner in magnitude.
+    magnitude: f64,
+}
+
+impl Default for Found {
+    fn default() -> Self {
+        Self { greatest: -1.0, magnitude: 0.0 }
+    }
+}
+
+impl Found {
+    fn meet(&mut self, corners: [f64; 3]) {
+        self.magnitude = corners.into_iter().fold(self.magnitude, |most, z| most.max(z.abs()));
     }
 
-    fn measure<H: HeightField + ?Sized>(&self, posts: &mut Posts<'_, H>, tight: &[Maxima]) -> Result<(), ReadError> {
-        for (k, maxima) in (1_u32..).zip(tight) {
-            let side = 2 << k;
-            if side <= self.cells {
-                for y in (self.y0..self.y0 + self.cells).step_by(side as usize).take_while(|&y| y <= self.last.j) {
-                    for x in (self.x0..self.x0 + self.cells).step_by(side as usize).take_while(|&x| x <= self.last.i) {
-                        self.cell(k, x, y, |p| Ok(self.at(p)), maxima)?;
-                    }
-                }
-            } else {
-                self.cell(k, self.x0 / side * side, self.y0 / side * side, |p| Ok(posts.at(p)?.z), maxima)?;
+    /// Takes in all posts of a diamond of half-length 2 inside the grid, centred at `p` amid `rows`: three quarters of
+    /// all diamonds that are stored. A triangle's plane is halfway between two of its points halfway between them.
+    fn five_by_five(&mut self, rows: [&[f64]; 5], p: Post) {
+        let at = |x: usize, y: usize| rows[y][x];
+        let half = |a: f64, b: f64| 0.5 * a + 0.5 * b;
+        // Posts by their place along the base and across it, whichever way it runs.
+        let mut meet = |triangle: [f64; 3], posts: &[(f64, f64)]| {
+            self.meet(triangle);
+            self.greatest = posts.iter().fold(self.greatest, |most, &(z, plane)| most.max((z - plane).abs()));
+        };
+        if p.i / 2 % 2 != p.j / 2 % 2 {
+            let east = p.i / 2 % 2 == 1;
+            let at = |along: usize, across: usize| if east { at(along, across) } else { at(across, along) };
+            let ends = [at(0, 2), at(4, 2)];
+            let middle = half(ends[0], ends[1]);
+            let base = [(at(1, 2), half(ends[0], middle)), (at(2, 2), middle), (at(3, 2), half(middle, ends[1]))];
+            for (apex, beside) in [(at(2, 0), 1), (at(2, 4), 3)] {
+                meet(
+                    [apex, ends[0], ends[1]],
+                    &[
+                        (at(1, beside), half(ends[0], apex)),
+                        (at(2, beside), half(middle, apex)),
+                        (at(3, beside), half(ends[1], apex)),
+                    ],
+                );
             }
+            meet([middle; 3], &base);
+            return;
         }
-        Ok(())
-    }
-
-    fn at(&self, p: Post) -> f64 {
-        self.z[(p.j - self.y0) as usize * BLOCK_POSTS + (p.i - self.x0) as usize]
-    }
-
-    /// Adds what the block sees of the six triangles of the cell of side 2^(k+1) whose south-west corner is (x, y).
-    fn cell(
-        &self,
-        k: u32,
-        x: u32,
-        y: u32,
-        mut height: impl FnMut(Post) -> Result<f64, ReadError>,
-        maxima: &Maxima,
-    ) -> Result<(), ReadError> {
-        let b = 1 << k;
-        let centre = Post::new(x + b, y + b);
-        let root = self.grid.root();
-        let inside =
-            |t: &Triangle| t.corners().iter().all(|p| p.i.abs_diff(centre.i) <= b && p.j.abs_diff(centre.j) <= b);
-        for p in std::iter::once(centre).chain(root.children(centre)) {
-            for triangle in root.triangles(p).filter(inside) {
-                let mut z = [0.0; 3];
-                for (slot, corner) in z.iter_mut().zip([triangle.apex, triangle.e0, triangle.e1]) {
-                    *slot = height(corner)?;
-                }
-                maxima.raise(p.i >> k, p.j >> k, round_up(self.deviation(&triangle, z)));
-            }
+        // Where the base falls, seen in a mirror, so that it rises.
+        let rises = (p.i / 4 + p.j / 4).is_multiple_of(2);
+        let at = |x: usize, y: usize| if rises { at(x, y) } else { at(4 - x, y) };
+        let ends = [at(0, 0), at(4, 4)];
+        let middle = half(ends[0], ends[1]);
+        meet([middle; 3], &[(at(1, 1), half(ends[0], middle)), (at(2, 2), middle), (at(3, 3), half(middle, ends[1]))]);
+        for above in [true, false] {
+            let at = |x: usize, y: usize| if above { at(x, y) } else { at(y, x) };
+            let apex = at(0, 4);
+            let (near, far) = (half(ends[0], apex), half(apex, ends[1]));
+            meet(
+                [apex, ends[0], ends[1]],
+                &[
+                    (at(0, 1), half(ends[0], near)),
+                    (at(0, 2), near),
+                    (at(0, 3), half(near, apex)),
+                    (at(1, 4), half(apex, far)),
+                    (at(2, 4), far),
+                    (at(3, 4), half(far, ends[1])),
+                    (at(1, 2), half(near, middle)),
+                    (at(1, 3), half(middle, apex)),
+                    (at(2, 3), half(middle, far)),
+                ],
+            );
         }
-        Ok(())
     }
 
-    /// The greatest deviation, or a bound on it, of the block's grid posts from the plane over the closed triangle
-    /// with heights `z` of apex, e0 and e1.
+    /// What is sure of the greatest deviation.
     ///
-    /// With e = 2^-53 and Z the greatest height in magnitude: the slopes are off by at most 2eZ and 4eZ over the
-    /// triangle, their products with offsets (at most 2Z each) by 2eZ more, and the four sums (at most 7Z) by 7eZ
-    /// each: less than 64eZ together. The final subtraction and this correction round by 4e of the result.
-    fn deviation(&self, t: &Triangle, z: [f64; 3]) -> f64 {
-        let plane = Plane::through(t, z);
-        let greatest = self.scan(&Span::of(t), &plane);
-        let magnitude = z[0].abs().max(z[1].abs()).max(z[2].abs());
-        if self.exact || greatest < 0.0 {
+    /// With e = 2^-53 and Z the greatest height of a corner in magnitude. A scanned plane: its slopes are off by at
+    /// most 2eZ and 4eZ over the triangle, their products with offsets (at most 2Z each) by 2eZ more, and the four sums
+    /// (at most 7Z) by 7eZ each: less than 64eZ together. A searched one: each halved sum is off by eZ more than what it
+    /// is made from, over at most 62 levels. A deviation rounds by e of itself, and so does a bound that leaves a
+    /// triangle out, and this correction.
+    fn bound(&self, exact: bool) -> f32 {
+        let Self { greatest, magnitude } = *self;
+        round_up(if exact || greatest < 0.0 {
             greatest.max(0.0)
         } else if magnitude < 1e300 {
-            (greatest + magnitude * (64.0 * EPSILON)) * (1.0 + 8.0 * EPSILON) + 64.0 * f64::from_bits(1)
+            (greatest + magnitude * (96.0 * EPSILON)) * (1.0 + 8.0 * EPSILON) + 64.0 * f64::from_bits(1)
         } else {
             f64::INFINITY
+        })
+    }
+}
+
+struct Search<'a, Z, F> {
+    grid: Grid,
+    heights: &'a mut Z,
+    finer: &'a F,
+    found: Found,
+}
+
+impl<Z: Heights, F: Fn(Post) -> f32> Search<'_, Z, F> {
+    /// Searches what lies below `t`. Of its apex, e0 and e1: the height of the plane there, and how far the surface
+    /// strays from it.
+    fn descend(&mut self, t: &Triangle, plane: [f64; 3], strays: [f64; 3]) -> Result<(), ReadError> {
+        let Some(m) = t.base_midpoint() else { return Ok(()) };
+        let middle = 0.5 * plane[1] + 0.5 * plane[2];
+        let stray = (self.heights.z(m)? - middle).abs();
+        if stray > self.found.greatest && self.grid.contains(m) {
+            self.found.greatest = stray;
         }
+        if (m.i ^ m.j) & 1 == 1 {
+            return Ok(());
+        }
+        let [near, far] = t.children(m);
+        let sides = [
+            (near, [middle, plane[0], plane[1]], [stray, strays[0], strays[1]]),
+            (far, [middle, plane[2], plane[0]], [stray, strays[2], strays[0]]),
+        ];
+        let bounds = [self.bound(&near, sides[0].2), self.bound(&far, sides[1].2)];
+        let order = if bounds[1] > bounds[0] { [1, 0] } else { [0, 1] };
+        for n in order {
+            if bounds[n] > self.found.greatest {
+                let (child, plane, strays) = &sides[n];
+                self.descend(child, *plane, *strays)?;
+            }
+        }
+        Ok(())
     }
 
-    /// The greatest distance from the plane over the part of the block in `span`, or -1 when there is none.
-    fn scan(&self, span: &Span, plane: &Plane) -> f64 {
-        let mut greatest = -1.0;
-        let rows = i64::from(self.y0).max(span.j.0)..=i64::from(self.last.j).min(span.j.1);
-        for j in rows {
-            let low = span.i.0.max(span.d.0 + j).max(span.s.0 - j).max(i64::from(self.x0));
-            let high = span.i.1.min(span.d.1 + j).min(span.s.1 - j).min(i64::from(self.last.i));
-            if low > high {
-                continue;
-            }
-            let row = (j - i64::from(self.y0)) as usize * BLOCK_POSTS;
-            let heights =
-                &self.z[row + (low - i64::from(self.x0)) as usize..=row + (high - i64::from(self.x0)) as usize];
+    /// No post of the grid below `t` strays further, except its corners; -1 where there is none.
+    fn bound(&self, t: &Triangle, strays: [f64; 3]) -> f64 {
+        let corners = [t.apex, t.e0, t.e1];
+        let Some(m) = t.base_midpoint() else { return -1.0 };
+        if corners.iter().all(|p| p.i >= self.grid.nx()) || corners.iter().all(|p| p.j >= self.grid.ny()) {
+            return -1.0;
+        }
+        if (m.i | m.j) % 2 == 1 {
+            return f64::INFINITY;
+        }
+        strays[0].max(strays[1]).max(strays[2]) + f64::from((self.finer)(m))
+    }
+}
+
+/// The greatest of `greatest` and the distances of the grid's posts in `span` from the plane.
+fn scan_rows(band: &Band, span: &Span, plane: &Plane, mut greatest: f64) -> f64 {
+    let last = band.grid().clamp(Post::new(u32::MAX, u32::MAX));
+    for j in span.j.0..=span.j.1.min(i64::from(last.j)) {
+        let low = span.i.0.max(span.d.0 + j).max(span.s.0 - j);
+        let high = span.i.1.min(span.d.1 + j).min(span.s.1 - j).min(i64::from(last.i));
+        if low <= high {
+            let heights = &band.row(j as u32)[low as usize..=high as usize];
             let start = plane.z + plane.north * (j - plane.j) as f64 + plane.east * (low - plane.i) as f64;
             greatest = run_deviation(heights, start, plane.east, greatest);
         }
-        greatest
     }
+    greatest
 }
-
-/// Half a unit in the last place of 1.
-const EPSILON: f64 = 0.5 * f64::EPSILON;
 
 /// The greatest of `greatest` and |heights[n] - (start + n * step)|, in four lanes that the compiler can keep abreast.
 fn run_deviation(heights: &[f64], start: f64, step: f64, greatest: f64) -> f64 {

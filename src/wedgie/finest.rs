@@ -10,7 +10,7 @@
 
 use sightline_proto::diamond::{Post, RootSquare};
 
-use super::{BALL_MARGIN, DiamondBounds, round_up};
+use super::{BALL_MARGIN, DiamondBounds, band::Band, round_up};
 use crate::terrain::{Grid, HeightField, Posts, ReadError, SceneScale};
 
 /// The bounds of the diamond at `p`, a post of the root square with an odd coordinate, from the heights around it.
@@ -34,23 +34,157 @@ pub fn finest_bounds_with(
     if p.i > grid.nx() || p.j > grid.ny() {
         return Ok(DiamondBounds::default());
     }
-    let mut height = |q: Post| height(grid.clamp(q));
-    if p.i.is_multiple_of(2) || p.j.is_multiple_of(2) {
-        return tilted(grid, scale, p, &mut height);
+    let tilted = p.i.is_multiple_of(2) || p.j.is_multiple_of(2);
+    if !is_inner(grid, p) {
+        return outer(grid, scale, p, tilted, &mut |q| height(grid.clamp(q)));
     }
+    let steps = Steps::new(scale);
+    let mut at = |di: i32, dj: i32| height(Post::new(p.i.wrapping_add_signed(di), p.j.wrapping_add_signed(dj)));
+    if tilted {
+        let cross = Cross { z: at(0, 0)?, west: at(-1, 0)?, east: at(1, 0)?, south: at(0, -1)?, north: at(0, 1)? };
+        return Ok(cross.bounds(&steps, deviation, p.i % 2 == 1));
+    }
+    let mut rows = [[0.0; 5]; 5];
+    for (row, dj) in rows.iter_mut().zip(-2_i32..) {
+        for (z, di) in row.iter_mut().zip(-2_i32..) {
+            if di.abs() + dj.abs() <= 2 {
+                *z = at(di, dj)?;
+            }
+        }
+    }
+    Ok(square(&steps, deviation, rows.each_ref().map(|row| row.as_slice()), 0, rises(p)))
+}
+
+/// The bounds of all square diamonds of the finest such level in row `j`, an odd one: those of the posts (2a + 1, j)
+/// for a below `count`. As [`finest_bounds`] has them.
+pub(super) fn square_row(
+    band: &Band,
+    scale: SceneScale,
+    exact: bool,
+    j: u32,
+    count: u32,
+) -> Result<Vec<DiamondBounds>, ReadError> {
+    let (grid, steps) = (band.grid(), Steps::new(scale));
+    let mut bounds = Vec::with_capacity(count as usize);
+    for i in (0..count).map(|a| 2 * a + 1) {
+        let p = Post::new(i, j);
+        bounds.push(if is_inner(grid, p) {
+            let rows = [j - 2, j - 1, j, j + 1, j + 2].map(|j| band.row(j));
+            let west = i as usize - 2;
+            if exact {
+                square(&steps, exact_deviation, rows, west, rises(p))
+            } else {
+                square(&steps, deviation, rows, west, rises(p))
+            }
+        } else {
+            finest_bounds_with(grid, scale, p, |q| Ok(band.height(q)))?
+        });
+    }
+    Ok(bounds)
+}
+
+/// Whether all heights that the bounds of the diamond at `p` follow from are in the grid.
+#[inline]
+fn is_inner(grid: Grid, p: Post) -> bool {
+    p.i >= 2 && p.j >= 2 && p.i + 2 < grid.nx() && p.j + 2 < grid.ny()
+}
+
+/// Whether the base of the square diamond of half-length 1 at `p` runs from south-west to north-east.
+#[inline]
+fn rises(p: Post) -> bool {
+    (p.i / 2 + p.j / 2).is_multiple_of(2)
+}
+
+/// A bound on how far a height is from the middle of two others.
+trait Deviate: Fn(f64, [f64; 2]) -> f64 + Copy {}
+
+impl<F: Fn(f64, [f64; 2]) -> f64 + Copy> Deviate for F {}
+
+/// Squares of the metres of a step east and north, and metres per height unit.
+struct Steps {
+    east2: f64,
+    north2: f64,
+    up: f64,
+}
+
+impl Steps {
+    #[inline]
+    fn new(scale: SceneScale) -> Self {
+        Self { east2: scale.east_m * scale.east_m, north2: scale.north_m * scale.north_m, up: scale.up_m }
+    }
+
+    #[inline]
+    fn rise2(&self, from: f64, to: f64) -> f64 {
+        let rise = (from - to) * self.up;
+        rise * rise
+    }
+}
+
+/// The heights of a post and of its four neighbours.
+struct Cross {
+    z: f64,
+    west: f64,
+    east: f64,
+    south: f64,
+    north: f64,
+}
+
+impl Cross {
+    /// The bounds of the tilted diamond of half-length 1 at the post, whose base runs east or north.
+    #[inline]
+    fn bounds(&self, steps: &Steps, deviate: impl Deviate, base_runs_east: bool) -> DiamondBounds {
+        let Self { z, west, east, south, north } = *self;
+        let tight = round_up(deviate(z, if base_runs_east { [west, east] } else { [south, north] }));
+        let across = steps.east2 + steps.rise2(z, west).max(steps.rise2(z, east));
+        let along = steps.north2 + steps.rise2(z, south).max(steps.rise2(z, north));
+        DiamondBounds { tight, nested: tight, radius_m: round_up(across.max(along).sqrt() * BALL_MARGIN) }
+    }
+}
+
+/// The bounds of the square diamond of half-length 1 at column `west + 2` of the middle one of five rows.
+#[inline]
+fn square(steps: &Steps, deviate: impl Deviate, rows: [&[f64]; 5], west: usize, rises: bool) -> DiamondBounds {
+    let [far_south, south, row, north, far_north] = rows.map(|row| &row[west..west + 5]);
+    let z = row[2];
+    let base = if rises { [south[1], north[3]] } else { [south[3], north[1]] };
+    let corners = [south[1], south[3], north[1], north[3]].map(|corner| steps.rise2(z, corner));
+    let mut reach = (steps.east2 + steps.north2 + corners.into_iter().fold(0.0, f64::max)).sqrt();
+    let mut tight = round_up(deviate(z, base));
+    let children = [
+        (Cross { z: row[1], west: row[0], east: z, south: south[1], north: north[1] }, false),
+        (Cross { z: row[3], west: z, east: row[4], south: south[3], north: north[3] }, false),
+        (Cross { z: south[2], west: south[1], east: south[3], south: far_south[2], north: z }, true),
+        (Cross { z: north[2], west: north[1], east: north[3], south: z, north: far_north[2] }, true),
+    ];
+    for (child, base_runs_east) in children {
+        let inner = child.bounds(steps, deviate, base_runs_east);
+        let step2 = if base_runs_east { steps.north2 } else { steps.east2 };
+        tight = tight.max(inner.tight);
+        reach = reach.max((step2 + steps.rise2(z, child.z)).sqrt() + f64::from(inner.radius_m));
+    }
+    DiamondBounds { tight, nested: tight, radius_m: round_up(reach * BALL_MARGIN) }
+}
+
+/// The bounds of a diamond on the border of the grid or of the root square.
+fn outer(
+    grid: Grid,
+    scale: SceneScale,
+    p: Post,
+    tilted: bool,
+    height: &mut impl FnMut(Post) -> Result<f64, ReadError>,
+) -> Result<DiamondBounds, ReadError> {
     let root = grid.root();
-    let (z, mut corners) = (height(p)?, [0.0; 2]);
-    let triangle = base_triangle(root, p);
-    for (slot, end) in corners.iter_mut().zip([triangle.e0, triangle.e1]) {
-        *slot = height(end)?;
-    }
-    let own = if grid.contains(p) { deviation(z, corners) } else { 0.0 };
-    let mut bounds = DiamondBounds { tight: round_up(own), nested: 0.0, radius_m: 0.0 };
-    let mut reach = reach_of_corners(root, scale, p, z, &mut height)?;
+    let (z, base) = (height(p)?, base_ends(root, p));
+    let ends = [height(base[0])?, height(base[1])?];
+    let own = if grid.contains(p) { deviation(z, ends) } else { 0.0 };
+    let tight = round_up(own);
+    let mut reach = reach_of_corners(root, scale, p, z, height)?;
+    let mut bounds = DiamondBounds { tight, nested: tight, radius_m: 0.0 };
     for child in root.children(p) {
+        debug_assert!(!tilted, "tilted diamonds of half-length 1 have no children");
         let mut inner = DiamondBounds::default();
         if child.i <= grid.nx() && child.j <= grid.ny() {
-            inner = tilted(grid, scale, child, &mut height)?;
+            inner = outer(grid, scale, child, true, height)?;
         }
         bounds.tight = bounds.tight.max(inner.tight);
         reach = far(reach, distance_m(scale, p, z, child, height(child)?) + f64::from(inner.radius_m));
@@ -60,22 +194,14 @@ pub fn finest_bounds_with(
     Ok(bounds)
 }
 
-fn tilted(
-    grid: Grid,
-    scale: SceneScale,
-    p: Post,
-    height: &mut impl FnMut(Post) -> Result<f64, ReadError>,
-) -> Result<DiamondBounds, ReadError> {
-    let z = height(p)?;
-    let triangle = base_triangle(grid.root(), p);
-    let ends = [height(triangle.e0)?, height(triangle.e1)?];
-    let tight = if grid.contains(p) { round_up(deviation(z, ends)) } else { 0.0 };
-    let reach = reach_of_corners(grid.root(), scale, p, z, height)?;
-    Ok(DiamondBounds { tight, nested: tight, radius_m: round_up(reach * BALL_MARGIN) })
+fn base_ends(root: RootSquare, p: Post) -> [Post; 2] {
+    root.base_ends(p).expect("a post that is no corner has a diamond")
 }
 
-fn base_triangle(root: RootSquare, p: Post) -> sightline_proto::diamond::Triangle {
-    root.triangles(p).next().expect("a post that is no corner has a diamond")
+/// |z - (end0 + end1) / 2| where f64 arithmetic makes no error: what [`deviation`] says, too.
+#[inline]
+fn exact_deviation(z: f64, [from, to]: [f64; 2]) -> f64 {
+    (z - (from * 0.5 + to * 0.5)).abs()
 }
 
 /// A bound on |z - (end0 + end1) / 2|: exact when f64 arithmetic is, else rounded up.
@@ -100,7 +226,7 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
 }
 
 /// Distance in metres from `p` to the furthest corner of its diamond's triangles, which are convex.
-pub(super) fn reach_of_corners(
+fn reach_of_corners(
     root: RootSquare,
     scale: SceneScale,
     p: Post,

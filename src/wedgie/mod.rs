@@ -9,6 +9,7 @@
 //! Deviations are counted at the posts of the grid (filled voids included): padding adds none of its own. They are
 //! attained at posts, since every bintree triangle is a union of finest triangles and so is the grid rectangle.
 
+mod band;
 mod deviation;
 mod finest;
 mod memory;
@@ -22,7 +23,7 @@ use crate::terrain::ReadError;
 
 pub use finest::{finest_bounds, finest_bounds_with};
 pub use memory::MemoryTerrain;
-pub use pyramid::{BoundsPhase, BoundsPyramid, Lattice};
+pub use pyramid::{BoundsPyramid, Lattice};
 
 /// What is known of the surface over one diamond. Thicknesses in height units, rounded up to f32.
 ///
@@ -50,11 +51,19 @@ pub trait ErrorBounds: Send + Sync {
 /// who compare the two, as long as coordinates stay below 2^30 times the radius.
 const BALL_MARGIN: f64 = 1.0 + 1.0 / 65_536.0;
 
-/// The least f32 not below `x`; +infinity for NaN, which stands for "nothing is sure".
+/// Bits that a bound, rounded up, leaves free at the low end of an f32: so a database keeps it in three bytes.
+const FREE_BITS: u32 = 7;
+
+/// The least f32 not below `x`, which is not negative, whose last [`FREE_BITS`] bits are 0; +infinity for NaN, which
+/// stands for "nothing is sure".
+#[inline]
 fn round_up(x: f64) -> f32 {
     if x.is_nan() {
         return f32::INFINITY;
     }
     let nearest = x as f32;
-    if f64::from(nearest) < x { nearest.next_up() } else { nearest }
+    // For floats that are not negative, bits order as values, and infinity follows the greatest.
+    let bits = nearest.to_bits() + u32::from(f64::from(nearest) < x);
+    let free = (1 << FREE_BITS) - 1;
+    f32::from_bits((bits + free) & !free)
 }

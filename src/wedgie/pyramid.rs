@@ -1,16 +1,19 @@
 //! All bounds that cannot be had from a few heights, in lattices of growing step.
 //!
 //! Lattice k holds the posts whose coordinates are multiples of 2^k and not both of 2^(k+1): the square and tilted
-//! diamonds of half-length 2^k. After the tight thicknesses are measured, the nested ones and the balls follow from
-//! the children, finest diamonds first.
+//! diamonds of half-length 2^k. They are made one after the other, finest diamonds first: the tight thickness of each by
+//! a search that those of finer ones cut short, the nested one and the ball from its children.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 use sightline_proto::diamond::Post;
 
 use super::{
     BALL_MARGIN, DiamondBounds,
-    deviation::{self, Maxima},
-    finest::{distance_m, far, finest_bounds, reach_of_corners},
+    band::{Band, Heights},
+    deviation,
+    finest::{distance_m, far, square_row},
     round_up,
 };
 use crate::terrain::{Grid, HeightField, Posts, ReadError, SceneScale};
@@ -71,15 +74,6 @@ impl Lattice {
     }
 }
 
-/// What the computation of bounds is doing.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub enum BoundsPhase {
-    /// Measuring deviations.
-    Measuring,
-    /// Deriving nested thicknesses and balls.
-    Nesting,
-}
-
 /// The bounds of all diamonds but the finest two levels: lattices k = 1 to m - 1. Twelve bytes a stored post, so four
 /// bytes a post of the grid.
 #[derive(Clone, PartialEq, Debug)]
@@ -90,28 +84,20 @@ pub struct BoundsPyramid {
 impl BoundsPyramid {
     /// Computes all bounds of a field, on the threads of the current pool. The result does not depend on them.
     pub fn compute<H: HeightField + ?Sized>(field: &H, scale: SceneScale) -> Result<Self, ReadError> {
-        Self::compute_with(field, scale, &|_, _| ())
+        Self::compute_with(field, scale, &|_| ())
     }
 
-    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are through a phase.
+    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are done.
     pub fn compute_with<H: HeightField + ?Sized>(
         field: &H,
         scale: SceneScale,
-        progress: &(dyn Fn(BoundsPhase, u64) + Sync),
+        progress: &(dyn Fn(u64) + Sync),
     ) -> Result<Self, ReadError> {
-        let grid = field.grid();
-        let sizes: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
-        let tight: Vec<_> = sizes.iter().map(|&(columns, rows)| Maxima::new(columns, rows)).collect();
-        deviation::measure(field, &tight, &|more| progress(BoundsPhase::Measuring, more))?;
-        let nested = |more| progress(BoundsPhase::Nesting, more);
-        let mut lattices: Vec<Lattice> = Vec::with_capacity(sizes.len());
-        for (k, maxima) in (1_u8..).zip(tight) {
-            let (columns, rows) = Lattice::size(grid, k);
-            let bounds = vec![DiamondBounds::default(); columns as usize * rows as usize];
-            let mut lattice = Lattice { k, columns, rows, bounds };
-            let below = Below { field, scale, lattice: lattices.last(), progress: &nested };
-            lattice.fill_tilted(&below, &maxima)?;
-            lattice.fill_square(&below, &maxima)?;
+        let exact = deviation::arithmetic_is_exact(field)?;
+        let mut lattices: Vec<Lattice> = Vec::new();
+        for k in 1..field.grid().root().exponent() {
+            let source = Source { field, scale, exact, finer: &lattices, progress };
+            let lattice = source.lattice(k)?;
             lattices.push(lattice);
         }
         Ok(Self { lattices })
@@ -130,69 +116,188 @@ impl BoundsPyramid {
     }
 }
 
+/// Rows of posts that are read together for a band of a lattice.
+const BAND_ROWS: u32 = 32;
+/// The greatest k of a lattice whose diamonds are scanned; on rough terrain, that of 32 posts costs as much either way.
+const SCAN_K: u8 = 3;
+
 /// What the bounds of a lattice are made from.
-struct Below<'a, H: ?Sized> {
+struct Source<'a, H: ?Sized> {
     field: &'a H,
     scale: SceneScale,
-    /// The next finer lattice; `None` for the finest two levels, which come from heights.
-    lattice: Option<&'a Lattice>,
-    /// Is told how many posts of the grid more are nested.
+    /// Whether deviations have no rounding errors.
+    exact: bool,
+    /// The lattices of smaller steps.
+    finer: &'a [Lattice],
+    /// Is told how many posts of the grid more are done.
     progress: &'a (dyn Fn(u64) + Sync),
 }
 
+impl<H: HeightField + ?Sized> Source<'_, H> {
+    fn lattice(&self, k: u8) -> Result<Lattice, ReadError> {
+        let (columns, rows) = Lattice::size(self.field.grid(), k);
+        let bounds = vec![DiamondBounds::default(); columns as usize * rows as usize];
+        let mut lattice = Lattice { k, columns, rows, bounds };
+        // Children of tilted diamonds are square ones of half the length; those of square ones are tilted ones here.
+        let tilted = self.rows(&lattice, Parity::Tilted)?;
+        lattice.place(Parity::Tilted, &tilted);
+        let square = self.rows(&lattice, Parity::Square)?;
+        lattice.place(Parity::Square, &square);
+        Ok(lattice)
+    }
+
+    /// The bounds of all diamonds of one kind, row by row.
+    fn rows(&self, lattice: &Lattice, parity: Parity) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
+        let band = (BAND_ROWS >> lattice.k.min(SCAN_K)).max(1);
+        let bands: Result<Vec<_>, _> = (0..lattice.rows.div_ceil(band))
+            .into_par_iter()
+            .map(|n| self.band(lattice, parity, n * band..((n + 1) * band).min(lattice.rows)))
+            .collect();
+        Ok(bands?.concat())
+    }
+
+    fn band(&self, lattice: &Lattice, parity: Parity, rows: Range<u32>) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
+        let (k, grid) = (lattice.k, self.field.grid());
+        let stored = |p| self.get(lattice, p);
+        let mut posts = Posts::new(self.field);
+        if k > SCAN_K {
+            let finer = |p| self.get(lattice, p).tight;
+            let tight = |posts: &mut Posts<'_, H>, p| deviation::search(grid, posts, &finer, self.exact, p);
+            return rows.map(|b| self.row(lattice, parity, b, &mut posts, tight, stored)).collect();
+        }
+        let tight = |band: &mut Band, p| Ok(deviation::scan(band, self.exact, p));
+        // A diamond reaches as far as its half-length; balls of the finest level look two posts further.
+        let margin = (1 << k) + 3;
+        let mut heights = Band::load(&mut posts, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
+        if k > 1 || parity == Parity::Square {
+            return rows.map(|b| self.row(lattice, parity, b, &mut heights, tight, stored)).collect();
+        }
+        let count = lattice.columns.min(grid.root().side() / 2);
+        let mut finest = FinestRows { scale: self.scale, exact: self.exact, count, rows: Default::default() };
+        let mut done = Vec::with_capacity(rows.len());
+        for b in rows {
+            finest.around(2 * b, &heights)?;
+            done.push(self.row(lattice, parity, b, &mut heights, tight, |child| finest.get(child))?);
+            (self.progress)(u64::from(grid.nx()) * u64::from(grid.ny().saturating_sub(2 * b).min(2)));
+        }
+        Ok(done)
+    }
+
+    /// The bounds of a diamond of a finer lattice or of `lattice`.
+    fn get(&self, lattice: &Lattice, p: Post) -> DiamondBounds {
+        let k = (p.i | p.j).trailing_zeros() as usize;
+        self.finer.get(k - 1).unwrap_or(lattice).get(p)
+    }
+
+    /// The bounds of the diamonds of one kind in row `b` of the lattice, from the west.
+    fn row<Z: Heights>(
+        &self,
+        lattice: &Lattice,
+        parity: Parity,
+        b: u32,
+        heights: &mut Z,
+        tight: impl Fn(&mut Z, Post) -> Result<f32, ReadError>,
+        child: impl Fn(Post) -> DiamondBounds,
+    ) -> Result<Vec<DiamondBounds>, ReadError> {
+        let (k, root) = (lattice.k, self.field.grid().root());
+        let mut row = Vec::with_capacity(lattice.columns as usize / 2 + 1);
+        for a in parity.columns(b, lattice.columns) {
+            let p = Post::new(a << k, b << k);
+            row.push(if root.is_corner(p) {
+                DiamondBounds::default()
+            } else {
+                let tight = tight(heights, p)?;
+                self.nest(heights, parity, 1 << k, p, tight, &child)?
+            });
+        }
+        Ok(row)
+    }
+
+    /// The bounds of the diamond of half-length `h` at `p` from its tight thickness and its children.
+    fn nest(
+        &self,
+        heights: &mut impl Heights,
+        parity: Parity,
+        h: i64,
+        p: Post,
+        tight: f32,
+        bounds_of: &impl Fn(Post) -> DiamondBounds,
+    ) -> Result<DiamondBounds, ReadError> {
+        let side = self.field.grid().root().side();
+        let straight = |h: i64| [(-h, 0), (h, 0), (0, -h), (0, h)];
+        let aslant = |h: i64| [(-h, -h), (h, -h), (-h, h), (h, h)];
+        let (corners, children) = match parity {
+            Parity::Tilted => (straight(h), aslant(h / 2)),
+            Parity::Square => (aslant(h), straight(h)),
+        };
+        let z = heights.z(p)?;
+        let (mut nested, mut reach) = (tight, 0.0);
+        for corner in corners.into_iter().filter_map(|(di, dj)| p.offset(di, dj, side)) {
+            reach = far(reach, distance_m(self.scale, p, z, corner, heights.z(corner)?));
+        }
+        for child in children.into_iter().filter_map(|(di, dj)| p.offset(di, dj, side)) {
+            let inner = bounds_of(child);
+            let distance = distance_m(self.scale, p, z, child, heights.z(child)?);
+            nested = nested.max(inner.nested);
+            reach = far(reach, distance + f64::from(inner.radius_m));
+        }
+        Ok(DiamondBounds { tight, nested, radius_m: round_up(reach * BALL_MARGIN) })
+    }
+}
+
+/// The two kinds of diamonds of a lattice.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Parity {
+    /// a + b is odd.
+    Tilted,
+    /// a and b are odd.
+    Square,
+}
+
+impl Parity {
+    /// The columns below `columns` of the kind's diamonds in row `b`.
+    fn columns(self, b: u32, columns: u32) -> impl Iterator<Item = u32> {
+        let first = match (self, b % 2) {
+            (Self::Tilted, odd) => 1 - odd,
+            (Self::Square, 1) => 1,
+            (Self::Square, _) => columns,
+        };
+        (first..columns).step_by(2)
+    }
+}
+
 impl Lattice {
-    /// Tilted diamonds of half-length 2^k: their children are square ones of half that.
-    fn fill_tilted<H: HeightField + ?Sized>(&mut self, below: &Below<'_, H>, tight: &Maxima) -> Result<(), ReadError> {
-        self.fill(below, tight, 1, |posts, child| match below.lattice {
-            Some(lattice) => Ok(lattice.get(child)),
-            None => finest_bounds(posts, below.scale, child),
-        })
+    fn place(&mut self, parity: Parity, rows: &[Vec<DiamondBounds>]) {
+        for (b, (row, slots)) in (0..).zip(rows.iter().zip(self.bounds.chunks_mut(self.columns as usize))) {
+            for (a, bounds) in parity.columns(b, self.columns).zip(row) {
+                slots[a as usize] = *bounds;
+            }
+        }
+    }
+}
+
+/// The square diamonds of half-length 1 in the two rows around one of the lattice of step 2.
+struct FinestRows {
+    scale: SceneScale,
+    exact: bool,
+    /// Diamonds of a row.
+    count: u32,
+    rows: [(u32, Vec<DiamondBounds>); 2],
+}
+
+impl FinestRows {
+    /// Has rows j - 1 and j + 1 ready.
+    fn around(&mut self, j: u32, heights: &Band) -> Result<(), ReadError> {
+        for row in [j.wrapping_sub(1), j + 1].into_iter().filter(|&row| row < heights.grid().root().side()) {
+            let slot = &mut self.rows[(row / 2 % 2) as usize];
+            if slot.0 != row {
+                *slot = (row, square_row(heights, self.scale, self.exact, row, self.count)?);
+            }
+        }
+        Ok(())
     }
 
-    /// Square diamonds of half-length 2^k: their children are tilted ones on the same lattice.
-    fn fill_square<H: HeightField + ?Sized>(&mut self, below: &Below<'_, H>, tight: &Maxima) -> Result<(), ReadError> {
-        let tilted = Self { bounds: std::mem::take(&mut self.bounds), ..*self };
-        self.bounds = tilted.bounds.clone();
-        self.fill(below, tight, 0, |_, child| Ok(tilted.get(child)))
-    }
-
-    /// Fills the posts (a, b) of the lattice for which a + b is `parity` and not both are even.
-    fn fill<H: HeightField + ?Sized>(
-        &mut self,
-        below: &Below<'_, H>,
-        tight: &Maxima,
-        parity: u32,
-        bounds_of: impl Fn(&mut Posts<'_, H>, Post) -> Result<DiamondBounds, ReadError> + Sync,
-    ) -> Result<(), ReadError> {
-        let (k, root) = (self.k, below.field.grid().root());
-        let rows = self.bounds.par_chunks_mut(self.columns as usize).enumerate();
-        rows.try_for_each_init(
-            || Posts::new(below.field),
-            |posts, (b, row)| {
-                for (a, slot) in row.iter_mut().enumerate() {
-                    let (a, b) = (a as u32, b as u32);
-                    let p = Post::new(a << k, b << k);
-                    if (a + b) % 2 != parity || (a % 2 == 0 && b % 2 == 0) || root.is_corner(p) {
-                        continue;
-                    }
-                    let z = posts.at(p)?.z;
-                    let mut reach = reach_of_corners(root, below.scale, p, z, &mut |q| Ok(posts.at(q)?.z))?;
-                    let mut nested = tight.get(a, b);
-                    for child in root.children(p) {
-                        let inner = bounds_of(posts, child)?;
-                        let distance = distance_m(below.scale, p, z, child, posts.at(child)?.z);
-                        nested = nested.max(inner.nested);
-                        reach = far(reach, distance + f64::from(inner.radius_m));
-                    }
-                    let radius_m = round_up(reach * BALL_MARGIN);
-                    *slot = DiamondBounds { tight: tight.get(a, b), nested, radius_m };
-                }
-                // The finest lattice is nearly all of the work: its rows, passed over twice, stand for those of posts.
-                if k == 1 && b < below.field.grid().ny().div_ceil(2) as usize {
-                    (below.progress)(u64::from(below.field.grid().nx()));
-                }
-                Ok(())
-            },
-        )
+    fn get(&self, p: Post) -> DiamondBounds {
+        self.rows[(p.j / 2 % 2) as usize].1.get((p.i / 2) as usize).copied().unwrap_or_default()
     }
 }
