@@ -3,7 +3,11 @@
 use std::{path::Path, str::FromStr};
 
 use super::Failure;
-use crate::exercise::{Altitude, Frame};
+use crate::{
+    exercise::{Altitude, Frame},
+    los::Earth,
+    terrain::{EARTH_RADIUS_M, SceneScale},
+};
 
 /// `X,Y,Z` on the command line.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -77,5 +81,40 @@ impl Positions {
             AltitudeName::Absolute => Altitude::Absolute,
             AltitudeName::Agl => Altitude::AboveGround,
         }
+    }
+}
+
+/// The shape of the Earth under lines of sight.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct EarthShape {
+    /// Lines are straight over a flat Earth, or lowered by the bulge of a sphere, t (1 - t) L^2 / (2 k R).
+    #[arg(long, value_enum, default_value_t = EarthName::Flat)]
+    earth: EarthName,
+    /// Radius R of the sphere in metres; the default is the Earth's mean radius.
+    #[arg(long, value_name = "METRES", default_value_t = EARTH_RADIUS_M)]
+    radius: f64,
+    /// Factor k of refraction, by which the radius is enlarged: 1 is none, 1.15 usual for light, 1.333 for radio.
+    #[arg(long, value_name = "K", default_value_t = 1.0)]
+    refraction: f64,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, PartialEq, Debug)]
+enum EarthName {
+    Flat,
+    Sphere,
+}
+
+impl EarthShape {
+    /// Whether lines are straight.
+    pub fn is_flat(self) -> bool {
+        self.earth == EarthName::Flat
+    }
+
+    /// The shape under a grid of that scale.
+    pub fn earth(self, scale: SceneScale) -> Result<Earth, Failure> {
+        if self.is_flat() {
+            return Ok(Earth::Flat);
+        }
+        Earth::sphere(self.radius, self.refraction, scale).map_err(|error| Failure::Usage(error.to_string()))
     }
 }

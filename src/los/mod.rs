@@ -20,6 +20,8 @@ mod derived;
 #[cfg(test)]
 mod derived_tests;
 mod earth;
+#[cfg(test)]
+mod earth_tests;
 mod ground;
 mod horizon;
 pub mod naive;

@@ -9,20 +9,27 @@
 //! All numbers are integers: coordinates are multiplied by a common power of two, which changes no sign; solutions are
 //! fractions of them. This is rational arithmetic that leaves out the cancelling.
 
+mod fractions;
+
 use std::cmp::Ordering;
 
 use num_bigint::{BigInt, Sign};
 use num_traits::{Signed, Zero};
 use sightline_proto::diamond::Post;
 
+pub use self::fractions::{Exactly, exactly};
 use super::{Answer, LosError, Options, Verdict};
 use crate::terrain::{HeightField, Posts};
 
-/// The line of sight from `a` to `b`, by definition. Costs a fraction of a millisecond a cell.
+/// The line of sight from `a` to `b`, by definition. Costs a fraction of a millisecond a cell; on a curved Earth, of
+/// every cell of the grid.
 pub fn line_of_sight<H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
 where
     H: HeightField + ?Sized,
 {
+    if !options.earth.is_flat() {
+        return fractions::line_of_sight(field, a, b, options);
+    }
     super::check_finite(a, ["ax", "ay", "az"])?;
     super::check_finite(b, ["bx", "by", "bz"])?;
     let plan = Plan::new(a, b);

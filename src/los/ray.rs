@@ -61,7 +61,7 @@ where
     let met = survey(&mut walk, line, false, Until::Obstructed)?;
     let end = match met.first {
         None => RayEnd::Miss,
-        Some(first) if first.place.t == 0.0 && first.place.clearance < 0.0 => RayEnd::StartsBelow,
+        Some(_) if met.starts_below => RayEnd::StartsBelow,
         Some(first) => {
             let [x, y, z] = first.place.point;
             let triangle = first.triangle;

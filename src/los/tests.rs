@@ -199,7 +199,7 @@ fn lines_over_pages_and_far_beyond_the_grid_are_the_naive_ones() {
 
 /// A line over a terrain, of a kind that the number picks: any, whole ends, level on a lake, along a diagonal, in the
 /// plane of two triangles, an ulp beside each; from just above the ground to well above all of it.
-fn manufactured(n: u64, size: f64) -> [[f64; 3]; 2] {
+pub(super) fn manufactured(n: u64, size: f64) -> [[f64; 3]; 2] {
     let unit = |k: u64| (synthetic::mix(n * 16 + k) >> 11) as f64 / (1_u64 << 53) as f64;
     let mut ends = [0, 4].map(|k| [size * unit(k), size * unit(k + 1), -40.0 + 90.0 * unit(k + 2)]);
     if n.is_multiple_of(2) {

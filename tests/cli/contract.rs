@@ -12,7 +12,11 @@ const VERBS: [(&str, &str, &str); 9] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
-    ("los", "<TARGET>", "--from --to --batch -o --coords --altitude --precision --strict --force"),
+    (
+        "los",
+        "<TARGET>",
+        "--from --to --batch -o --coords --altitude --precision --strict --derive --earth --radius --refraction --force",
+    ),
     (
         "mesh",
         "<DB>",

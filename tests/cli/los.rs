@@ -58,6 +58,39 @@ fn one_line_is_answered_in_every_frame() {
 }
 
 #[test]
+fn what_takes_longer_comes_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = ridge(folder.path());
+    let low = ["--from", "100,220,2", "--to", "180,220,2"];
+    assert!(ask(&database, &low)["derived"].is_null());
+    let derived = &ask(&database, &[&low[..], &["--derive"]].concat())["derived"];
+    // A ridge of height 4 in the middle, and 2 units above ground: half-way behind it the line must be at 6.
+    assert_eq!(derived["least_target_height"], 6.0);
+    assert_eq!(derived["deepest"]["clearance"], -2.0);
+    assert_eq!(derived["triangle_from_a"], serde_json::json!([[3, 1], [4, 2], [3, 2]]));
+    let line: Vec<_> = derived["line"].as_array().unwrap().iter().map(|s| s["state"].as_str().unwrap()).collect();
+    assert_eq!(line, ["ABOVE", "BELOW", "ABOVE"]);
+    let ground: Vec<_> = derived["ground"].as_array().unwrap().iter().map(|s| s["state"].as_str().unwrap()).collect();
+    assert_eq!(ground, ["SEEN", "HIDDEN"]);
+}
+
+#[test]
+fn a_curved_earth_lowers_lines() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = ridge(folder.path());
+    // 80 m long, half a unit above the ridge: a sphere of 1000 m bulges by 0.8 m.
+    let high = ["--from", "100,220,4.5", "--to", "180,220,4.5"];
+    let by = |more: &[&str]| ask(&database, &[&high[..], more].concat())["verdict"].clone();
+    assert_eq!(by(&["--earth", "flat", "--radius", "1000"]), "VISIBLE");
+    assert_eq!(by(&["--earth", "sphere"]), "VISIBLE");
+    assert_eq!(by(&["--earth", "sphere", "--radius", "1000"]), "BLOCKED");
+    assert_eq!(by(&["--earth", "sphere", "--radius", "1000", "--refraction", "2"]), "VISIBLE");
+    let target = database.to_str().unwrap();
+    let refused = sightline(&[&["los", target, "--earth", "sphere", "--radius", "-1"], &high[..]].concat());
+    assert_eq!(status(&refused), 2, "{}", text(&refused.stderr));
+}
+
+#[test]
 fn precisions_are_obeyed_and_say_what_they_are_worth() {
     let folder = tempfile::tempdir().unwrap();
     let database = ridge(folder.path());

@@ -5,11 +5,12 @@ use std::path::Path;
 use rayon::prelude::*;
 use sightline_client::{Client, ClientError, v1};
 
+use super::more::More;
 use crate::{
-    cli::{Failure, info},
+    cli::{Failure, args::EarthShape, info},
     database::Database,
     exercise::{Altitude, Frame, Place, PlaceError, Site},
-    los::{self, Derived, Lines, LosError, Options, Precision, Pyramid, Verdict},
+    los::{self, Derived, Earth, Lines, LosError, Options, Precision, Pyramid, Verdict},
     terrain::{Georeference, ReadError},
 };
 
@@ -22,6 +23,8 @@ pub(super) struct Manner {
     pub(super) frame: Frame,
     pub(super) altitude: Altitude,
     pub(super) options: Options,
+    /// Whether to add what takes longer.
+    pub(super) derive: bool,
 }
 
 /// The infimum of the points below ground, seen from one end.
@@ -52,6 +55,7 @@ pub(super) struct Reply {
     pub(super) first_from_b: Option<Obstruction>,
     /// In height units.
     pub(super) least_clearance: Option<f64>,
+    pub(super) more: Option<More>,
 }
 
 const NO_GROUND: &str = "an end is given above ground where no ground is known";
@@ -90,6 +94,19 @@ impl Asker {
             .map_err(|error| Failure::environment("starting the network", error))?;
         let client = runtime.block_on(Client::connect(target)).map_err(client_failure)?;
         Ok(Self::Server(client, runtime))
+    }
+
+    /// The shape of the Earth under the terrain. Servers know a flat one.
+    pub(super) fn earth(&self, shape: EarthShape) -> Result<Earth, Failure> {
+        match self {
+            Self::Database(_, site, _) => shape.earth(site.scale),
+            Self::Server(..) if shape.is_flat() => Ok(Earth::Flat),
+            Self::Server(..) => Err(Failure::Usage("--earth sphere needs a database".into())),
+        }
+    }
+
+    pub(super) fn is_server(&self) -> bool {
+        matches!(self, Self::Server(..))
     }
 
     /// Everything about one line.
@@ -170,6 +187,7 @@ fn ask_database(
             first_from_a: None,
             first_from_b: None,
             least_clearance: None,
+            more: None,
         });
     };
     let answer = Lines::new(database, pyramid).ask(a, b, manner.options)?;
@@ -178,6 +196,7 @@ fn ask_database(
         Precision::Exact => los::derive(database, a, b, manner.options)?,
         _ => Derived::default(),
     };
+    let more = manner.derive.then(|| More::new(database, a, b, manner.options, &derived)).transpose()?;
     let scale = site.scale;
     let apart = |p: [f64; 3], q: [f64; 3]| {
         let [x, y, z] = [(q[0] - p[0]) * scale.east_m, (q[1] - p[1]) * scale.north_m, (q[2] - p[2]) * scale.up_m];
@@ -198,6 +217,7 @@ fn ask_database(
         first_from_a: seen_from(a, derived.first_from_a),
         first_from_b: seen_from(b, derived.first_from_b),
         least_clearance: derived.least_clearance.filter(|_| answer.verdict == Verdict::Visible).map(|p| p.clearance),
+        more,
     })
 }
 
@@ -253,6 +273,7 @@ fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
         first_from_a: obstruction(response.first_from_a),
         first_from_b: obstruction(response.first_from_b),
         least_clearance: response.least_clearance,
+        more: None,
     }
 }
 

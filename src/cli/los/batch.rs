@@ -22,6 +22,8 @@ const COLUMNS: [&str; 6] = ["ax", "ay", "az", "bx", "by", "bz"];
 const ANSWERS: &str = "verdict,grazes,range_m,sagitta_m,\
     first_from_a_x,first_from_a_y,first_from_a_z,first_from_a_range_m,\
     first_from_b_x,first_from_b_y,first_from_b_z,first_from_b_range_m,least_clearance,certain";
+/// What `--derive` adds, in height units.
+const MORE_ANSWERS: &str = "deepest,least_target_height";
 /// Those appended by a server, which answers batches in brief.
 const BRIEF_ANSWERS: &str = "verdict,grazes";
 
@@ -60,10 +62,13 @@ pub(super) fn run(
     let (csv, verdicts, answers) = match asker.ask_all(manner, &table.ends) {
         Some(replies) => {
             let replies = replies.map_err(named)?;
-            warn_of_curvature(context, &replies);
+            if manner.options.earth.is_flat() {
+                warn_of_curvature(context, &replies);
+            }
             let verdicts: Vec<Brief> = replies.iter().map(|r| (r.verdict, r.grazes)).collect();
             let documents: Vec<Value> = replies.iter().map(document).collect();
-            (written(&table, ANSWERS, replies.iter().map(columns)), verdicts, documents)
+            let names = if manner.derive { format!("{ANSWERS},{MORE_ANSWERS}") } else { ANSWERS.to_owned() };
+            (written(&table, &names, replies.iter().map(|reply| columns(reply, manner))), verdicts, documents)
         }
         None => {
             let briefs = asker.ask_server(manner, &table.ends)?;
@@ -180,20 +185,29 @@ fn written(table: &Table, names: &str, answers: impl Iterator<Item = String>) ->
 }
 
 /// The values of [`ANSWERS`]; what a line does not have is left empty.
-fn columns(reply: &Reply) -> String {
+fn columns(reply: &Reply, manner: Manner) -> String {
     let obstruction = |o: Option<Obstruction>| {
         o.map_or(",,,".to_owned(), |Obstruction { position: [x, y, z], range_m }| format!("{x},{y},{z},{range_m}"))
     };
     let resolved = |v: f64| reply.resolved.map_or(String::new(), |_| v.to_string());
-    [
+    let number = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
+    let more = reply.more.as_ref();
+    let derived = [
+        number(more.and_then(|more| more.deepest).map(|place| place.clearance)),
+        number(more.and_then(|more| more.least_target_height)),
+    ];
+    let mut columns = vec![
         reply.verdict.to_owned(),
         reply.grazes.to_string(),
         resolved(reply.range_m),
         resolved(reply.sagitta_m),
         obstruction(reply.first_from_a),
         obstruction(reply.first_from_b),
-        reply.least_clearance.map_or(String::new(), |c| c.to_string()),
+        number(reply.least_clearance),
         reply.certain.to_string(),
-    ]
-    .join(",")
+    ];
+    if manner.derive {
+        columns.extend(derived);
+    }
+    columns.join(",")
 }

@@ -2,15 +2,19 @@
 
 mod ask;
 pub(super) mod batch;
+mod more;
 
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use self::ask::{Asker, Manner, Obstruction, Reply};
+use self::{
+    ask::{Asker, Manner, Obstruction, Reply},
+    more::More,
+};
 use super::{
     Context, Failure,
-    args::{Point, Positions},
+    args::{EarthShape, Point, Positions},
 };
 use crate::los::{Options, Precision};
 
@@ -43,6 +47,12 @@ pub(super) struct Args {
     /// Whether touching the ground between the ends blocks, too.
     #[arg(long)]
     strict: bool,
+    /// Add what takes longer: the triangles entered, the deepest place, the least target height that would be seen, the
+    /// stretches of the line above and below ground, and those of the ground that are seen from 'from'.
+    #[arg(long)]
+    derive: bool,
+    #[command(flatten)]
+    earth: EarthShape,
     /// How certain verdicts are: exact; f64 or fast (f32), wrong near ties; tolerance:H, which answers from bounds of
     /// blocks what cannot be wrong by more than H height units. All but exact need a database, and derive nothing.
     #[arg(long, value_name = "PRECISION", default_value_t = Precision::Exact)]
@@ -51,15 +61,26 @@ pub(super) struct Args {
 
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
+        if self.derive && self.precision != Precision::Exact {
+            return Err(Failure::Usage("--derive needs --precision exact".into()));
+        }
+        let asker = Asker::open(&self.target, self.precision)?;
+        let earth = asker.earth(self.earth)?;
+        if self.derive && asker.is_server() {
+            return Err(Failure::Usage("--derive needs a database".into()));
+        }
         let manner = Manner {
             frame: self.positions.frame(),
             altitude: self.positions.altitude(),
-            options: Options { strict: self.strict, precision: self.precision, ..Options::default() },
+            options: Options { strict: self.strict, precision: self.precision, earth },
+            derive: self.derive,
         };
         match (self.from, self.to, &self.batch) {
             (Some(Point(a)), Some(Point(b)), None) => {
-                let reply = Asker::open(&self.target, self.precision)?.ask(manner, [a, b])?;
-                warn_of_curvature(context, &reply);
+                let reply = asker.ask(manner, [a, b])?;
+                if earth.is_flat() {
+                    warn_of_curvature(context, &reply);
+                }
                 if context.json {
                     outln!("{:#}", document(&reply));
                 } else {
@@ -67,14 +88,7 @@ impl Args {
                 }
                 Ok(())
             }
-            (None, None, Some(input)) => batch::run(
-                context,
-                &Asker::open(&self.target, self.precision)?,
-                manner,
-                input,
-                &self.output,
-                self.force,
-            ),
+            (None, None, Some(input)) => batch::run(context, &asker, manner, input, &self.output, self.force),
             _ => Err(Failure::Usage("give either --from and --to, or --batch".into())),
         }
     }
@@ -92,7 +106,7 @@ fn warn_of_curvature(context: &Context, reply: &Reply) {
 
 fn document(reply: &Reply) -> Value {
     let obstruction = |o: &Option<Obstruction>| o.map(|o| json!({ "position": o.position, "range_m": o.range_m }));
-    json!({
+    let mut document = json!({
         "verdict": reply.verdict,
         "reason": reply.reason,
         "grazes": reply.grazes,
@@ -103,7 +117,11 @@ fn document(reply: &Reply) -> Value {
         "first_from_a": obstruction(&reply.first_from_a),
         "first_from_b": obstruction(&reply.first_from_b),
         "least_clearance": reply.least_clearance,
-    })
+    });
+    if let Some(more) = &reply.more {
+        document["derived"] = more.document();
+    }
+    document
 }
 
 fn text(reply: &Reply) -> String {
@@ -128,6 +146,7 @@ fn text(reply: &Reply) -> String {
     if let Some(clearance) = reply.least_clearance {
         lines.push(format!("clearance {clearance} height units at least"));
     }
+    lines.extend(reply.more.iter().flat_map(More::text));
     lines.join("\n") + "\n"
 }
 

@@ -134,6 +134,8 @@ pub(super) struct Survey {
     pub(super) unknown: bool,
     /// Known ground is touched strictly between the ends.
     pub(super) contact: bool,
+    /// A is strictly below known ground.
+    pub(super) starts_below: bool,
 }
 
 /// The place of least clearance.
@@ -172,6 +174,7 @@ where
             found.contact |= moves && touches(&chord);
             found.lower(chord.lowest().filter(|_| !line.is_straight()));
         }
+        found.starts_below |= event.at == At::A && event.is_below();
         if event.is_known() {
             found.lower(Some(event.place));
             found.contact |= event.sign == Some(Sign::Zero) && event.is_inside();
