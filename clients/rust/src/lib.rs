@@ -31,6 +31,7 @@
 //! # }
 //! ```
 
+pub mod morph;
 pub mod raster;
 pub mod scene;
 mod view;
