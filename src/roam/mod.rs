@@ -6,10 +6,13 @@
 //! never ranks a child above its parent, so no split is ever forced, and the mesh is defined without reference to how
 //! it was reached: the longest prefix of the order that fits. And required posts come before all others.
 
+#[cfg(test)]
+mod guarantees;
 mod nodes;
 mod options;
 mod pace;
 mod queues;
+mod reader;
 mod requirements;
 #[cfg(test)]
 mod tests;

@@ -14,9 +14,9 @@ use crate::view::{Appraisal, Motion};
 const MOST_TICKS: u32 = List::BUCKETS as u32 - 2;
 /// Share of the priority at the cut by which a guard keeps its distance from it. Wider, more posts are computed in each
 /// frame; narrower, the guards must be moved more often. Measured.
-pub(super) const GAP: f64 = 1.0 / 128.0;
+pub(super) const GAP: f64 = 1.0 / 512.0;
 /// Share of the priority at the cut that a guard may move in a tick.
-const GUARD_RATE: f64 = 1.0 / 512.0;
+const GUARD_RATE: f64 = 1.0 / 2048.0;
 /// Rates are chosen anew when what is wanted differs by more than this factor.
 const TOLERANCE: f64 = 2.5;
 /// Least motion in a tick: below it, everything can be put off for the longest time anyway.
@@ -74,7 +74,7 @@ impl Guard {
             }
         };
         let mut ticks = 0;
-        // The greatest power of two that holds, and half of it more if that does.
+        // The greatest power of two that holds, then what holds of its half and its quarter beside it.
         while ticks < MOST_TICKS {
             let more = if ticks == 0 { 1 } else { (2 * ticks).min(MOST_TICKS) };
             if !holds(more) {
@@ -85,8 +85,11 @@ impl Guard {
         if ticks == 0 {
             return List::hot(self.side);
         }
-        if ticks > 1 && ticks < MOST_TICKS && holds(ticks + ticks / 2) {
-            ticks += ticks / 2;
+        let (half, quarter) = (ticks / 2, ticks / 4);
+        for more in [half, quarter] {
+            if ticks + more <= MOST_TICKS && holds(ticks + more) {
+                ticks += more;
+            }
         }
         List::due(self.side, (self.clock + f64::from(ticks)) as u64)
     }

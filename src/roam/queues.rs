@@ -26,9 +26,10 @@ use super::{
     Options, Terrain,
     nodes::{List, Node, Nodes, Side},
     pace::{GAP, Guard, Pace},
+    reader::Reader,
 };
 use crate::{
-    terrain::{Grid, PAGE_SIDE, PageId, Posts, ReadError, SceneScale},
+    terrain::{Grid, ReadError, SceneScale},
     view::{Camera, Planes},
 };
 
@@ -75,7 +76,7 @@ impl PartialOrd for Place {
 }
 
 /// How many active posts are asked, about, before a mesh is given up.
-const SAMPLES: usize = 256;
+const SAMPLES: usize = 64;
 
 /// What a refinement may do.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -89,10 +90,8 @@ pub(super) struct Allowance {
 /// The mesh of one view with its two queues.
 #[derive(Debug)]
 pub(super) struct DualQueue<T> {
-    terrain: Arc<T>,
-    grid: Grid,
+    reader: Reader<T>,
     root: RootSquare,
-    scale: SceneScale,
     corner_heights: [f64; 4],
     camera: Camera,
     options: Options,
@@ -150,20 +149,15 @@ impl<P: Ord> Heap<P> {
 impl<T: Terrain> DualQueue<T> {
     /// The mesh of two triangles, with the centre ready.
     pub(super) fn new(terrain: Arc<T>, scale: SceneScale) -> Result<Self, ReadError> {
-        let grid = terrain.grid();
-        let root = grid.root();
+        let mut reader = Reader::new(terrain, scale);
+        let (grid, root) = (reader.grid(), reader.grid().root());
         let mut corner_heights = [0.0; 4];
-        {
-            let mut posts = Posts::new(&*terrain);
-            for (slot, corner) in corner_heights.iter_mut().zip(root.corners()) {
-                *slot = posts.at(corner)?.z;
-            }
+        for (slot, corner) in corner_heights.iter_mut().zip(root.corners()) {
+            *slot = reader.height(grid.clamp(corner))?;
         }
         let mut queue = Self {
-            terrain,
-            grid,
+            reader,
             root,
-            scale,
             corner_heights,
             camera: Camera::everywhere(),
             options: Options::default(),
@@ -186,15 +180,15 @@ impl<T: Terrain> DualQueue<T> {
     }
 
     pub(super) fn terrain(&self) -> &Arc<T> {
-        &self.terrain
+        self.reader.terrain()
     }
 
     pub(super) fn grid(&self) -> Grid {
-        self.grid
+        self.reader.grid()
     }
 
     pub(super) fn scale(&self) -> SceneScale {
-        self.scale
+        self.reader.scale()
     }
 
     pub(super) fn triangles(&self) -> u64 {
@@ -214,13 +208,13 @@ impl<T: Terrain> DualQueue<T> {
     pub(super) fn tight(&self, p: Post) -> Result<f32, ReadError> {
         match self.nodes.slot(p) {
             Some(slot) => Ok(self.nodes.get(slot).tight),
-            None => Ok(self.terrain.bounds(p)?.tight),
+            None => Ok(self.reader.terrain().bounds(p)?.tight),
         }
     }
 
     /// Posts of the grid from west to east and from south to north.
     pub(super) fn grid_posts(&self) -> (u32, u32) {
-        (self.grid.nx(), self.grid.ny())
+        (self.grid().nx(), self.grid().ny())
     }
 
     /// The corners of a triangle of the mesh in the grid frame, counter-clockwise.
@@ -300,20 +294,22 @@ impl<T: Terrain> DualQueue<T> {
         self.camera = *camera;
         self.look = self.look.wrapping_add(1);
         let ticks = self.pace.ticks(motion, self.cut);
-        let hot = self.nodes.hot(Side::Split) + self.nodes.hot(Side::Merge);
-        let far = ticks >= f64::from(List::BUCKETS) || 2 * hot > self.nodes.len();
-        if !self.options.incremental || (far && self.little_is_left()) {
+        for side in [Side::Split, Side::Merge] {
+            for list in self.guard(side).advance(ticks) {
+                self.move_all(list, List::hot(side));
+            }
+        }
+        let due = self.nodes.hot(Side::Split) + self.nodes.hot(Side::Merge);
+        // With a cap there may be no work left for a mesh as good as the one given up.
+        let may_restart = self.options.max_operations.is_none() && 3 * due > self.nodes.len();
+        if !self.options.incremental || (may_restart && self.little_is_left()) {
             // After a failed read the old mesh stays, and its priorities must be of this camera.
             return self.restart().inspect_err(|_| self.all_hot());
         }
         self.split_queue.forget();
         self.merge_queue.forget();
-        for side in [Side::Split, Side::Merge] {
-            for list in self.guard(side).advance(ticks) {
-                self.move_all(list, List::hot(side));
-            }
-            self.sort_out(side);
-        }
+        self.sort_out(Side::Split);
+        self.sort_out(Side::Merge);
         Ok(())
     }
 
@@ -402,7 +398,11 @@ impl<T: Terrain> DualQueue<T> {
     /// Thickness, centre and radius of a post's ball in metres in the scene frame.
     fn ball(&self, node: &Node) -> (f64, DVec3, f64) {
         let at = DVec3::new(f64::from(node.post.i), f64::from(node.post.j), node.z);
-        (f64::from(node.nested) * self.scale.up_m, self.scale.scene_from_grid(at), f64::from(node.radius_m))
+        (
+            f64::from(node.nested) * self.reader.scale().up_m,
+            self.reader.scale().scene_from_grid(at),
+            f64::from(node.radius_m),
+        )
     }
 
     fn priority(&self, node: &Node, inside: Planes) -> (f64, Planes) {
@@ -737,9 +737,7 @@ impl<T: Terrain> DualQueue<T> {
     }
 
     fn read(&mut self, post: Post, inside: Planes) -> Result<Node, ReadError> {
-        let at = self.grid.clamp(post);
-        let z = self.terrain.page(PageId::of(at))?.at(at.i % PAGE_SIDE, at.j % PAGE_SIDE).z;
-        let bounds = self.terrain.bounds(post)?;
+        let (z, bounds) = self.reader.read(post)?;
         let level = self.root.level(post).expect("no corner is ever ready");
         let cost = self.root.triangles(post).count() as u8;
         let mut node = Node::new(post, level, cost, z, [bounds.nested, bounds.radius_m, bounds.tight]);
@@ -756,7 +754,7 @@ impl<T: Terrain> Mesh for DualQueue<T> {
     }
 
     fn grid_size(&self) -> (u32, u32) {
-        (self.grid.nx(), self.grid.ny())
+        (self.grid().nx(), self.grid().ny())
     }
 
     fn height(&self, p: Post) -> Option<f64> {

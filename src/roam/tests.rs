@@ -15,19 +15,19 @@ use crate::{
     wedgie::{ErrorBounds, MemoryTerrain},
 };
 
-const SCALE: SceneScale = SceneScale { east_m: 20.0, north_m: 30.0, up_m: 1.0 };
+pub(super) const SCALE: SceneScale = SceneScale { east_m: 20.0, north_m: 30.0, up_m: 1.0 };
 
-fn terrain(nx: u32, ny: u32, seed: u64) -> Arc<MemoryTerrain> {
+pub(super) fn terrain(nx: u32, ny: u32, seed: u64) -> Arc<MemoryTerrain> {
     Arc::new(MemoryTerrain::new(synthetic::fractal(nx, ny, seed, 400).unwrap(), SCALE).unwrap())
 }
 
 /// A number in [0, 1) that depends on `seed` and `n` only.
-fn unit(seed: u64, n: u64) -> f64 {
+pub(super) fn unit(seed: u64, n: u64) -> f64 {
     (synthetic::mix(seed ^ synthetic::mix(n)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
 /// A random camera near the ground of `terrain`, now and then a parallel one or none.
-fn camera(terrain: &MemoryTerrain, seed: u64) -> Camera {
+pub(super) fn camera(terrain: &MemoryTerrain, seed: u64) -> Camera {
     if seed % 16 == 3 {
         return Camera::everywhere();
     }
@@ -45,34 +45,57 @@ fn camera(terrain: &MemoryTerrain, seed: u64) -> Camera {
     Camera::new(eye, rotation, projection, [800, 600]).unwrap()
 }
 
-fn set(mesh: &ViewMesh<MemoryTerrain>) -> BTreeSet<Post> {
+pub(super) fn set(mesh: &ViewMesh<MemoryTerrain>) -> BTreeSet<Post> {
     mesh.active_posts().into_iter().map(|(p, _)| p).collect()
 }
 
 /// The definition of DESIGN section 7, word by word, over all posts of the square.
-fn longest_prefix(terrain: &MemoryTerrain, camera: &Camera, target: Target) -> BTreeSet<Post> {
+pub(super) fn longest_prefix(
+    terrain: &MemoryTerrain,
+    camera: &Camera,
+    target: Target,
+    regions: &Regions,
+) -> (BTreeSet<Post>, f64) {
     let (max, threshold) = target.limits().unwrap();
     let root = terrain.grid().root();
-    let mut posts = Posts::new(terrain);
     let mut order = Vec::new();
     for p in (0..=root.side()).flat_map(|j| (0..=root.side()).map(move |i| Post::new(i, j))) {
         let Some(level) = root.level(p) else { continue };
-        let bounds = terrain.bounds(p).unwrap();
-        let z = posts.at(p).unwrap().z;
-        let centre = SCALE.scene_from_grid(DVec3::new(f64::from(p.i), f64::from(p.j), z));
-        let priority = camera.priority(f64::from(bounds.nested) * SCALE.up_m, centre, f64::from(bounds.radius_m));
-        order.push((std::cmp::Reverse(priority.to_bits()), level, p));
+        order.push((std::cmp::Reverse(priority(terrain, camera, p, regions).to_bits()), level, p));
     }
     order.sort();
-    let (mut count, mut prefix) = (2, BTreeSet::new());
-    for (priority, _, p) in order {
+    let (mut count, mut prefix, mut bound) = (2, BTreeSet::new(), 0.0_f64);
+    let mut ended = false;
+    for (weighted, _, p) in order {
         count += root.triangles(p).count() as u32;
-        if count > max || f64::from_bits(priority.0) <= threshold {
-            break;
+        ended |= count > max || f64::from_bits(weighted.0) <= threshold;
+        if ended {
+            bound = bound.max(priority(terrain, camera, p, &Regions::default()));
+        } else {
+            prefix.insert(p);
         }
-        prefix.insert(p);
     }
-    prefix
+    (prefix, bound)
+}
+
+/// The priority of a post by its definition.
+pub(super) fn priority(terrain: &MemoryTerrain, camera: &Camera, p: Post, regions: &Regions) -> f64 {
+    let bounds = terrain.bounds(p).unwrap();
+    let z = Posts::new(terrain).at(p).unwrap().z;
+    let centre = SCALE.scene_from_grid(DVec3::new(f64::from(p.i), f64::from(p.j), z));
+    let radius_m = f64::from(bounds.radius_m);
+    camera.priority(f64::from(bounds.nested) * SCALE.up_m, centre, radius_m) * regions.weight(centre, radius_m)
+}
+
+/// Height of the mesh at a post of the grid.
+pub(super) fn height_on(mesh: &ViewMesh<MemoryTerrain>, p: Post) -> f64 {
+    let z = |t: &Triangle| t.corners().map(|c| mesh.height(c).unwrap());
+    let at = |t: &Triangle| height_in(t, z(t), f64::from(p.i), f64::from(p.j));
+    let mut triangle = mesh.root().roots().into_iter().find(|t| at(t).is_some()).unwrap();
+    while let Some(middle) = triangle.base_midpoint().filter(|&m| mesh.height(m).is_some()) {
+        triangle = triangle.children(middle).into_iter().find(|t| at(t).is_some()).unwrap();
+    }
+    at(&triangle).unwrap()
 }
 
 /// Checks that the mesh covers the square once, has no T-junction and the stated number of triangles.
@@ -111,8 +134,9 @@ fn any_sequence_of_views_gives_the_longest_prefix_that_fits() {
                 Target::TriangleBudget(n)
             };
             let report = mesh.update(&camera, target, &[]).unwrap();
-            let expected = longest_prefix(&terrain, &camera, target);
+            let (expected, bound) = longest_prefix(&terrain, &camera, target, &Regions::default());
             assert_eq!(set(&mesh), expected, "seed {seed}, step {step}");
+            assert_eq!(report.bound_px.to_bits(), bound.to_bits(), "seed {seed}, step {step}");
             mesh.check();
             check_conforming(&mesh, &report);
         }

@@ -35,13 +35,11 @@ pub struct Appraisal {
     nearest_m: f64,
     horizontal_m: f64,
     distance_m: f64,
-    /// How far the ball is from being wholly outside of some plane; negative when it is.
+    /// How far the ball is from being wholly outside of some plane; negative when it is outside, by so much.
     inside_m: f64,
-    /// How far the ball is outside of the plane from which it is furthest; negative when it is outside of none.
-    outside_m: f64,
     /// What rounding may have added to any of these.
     slack_m: f64,
-    /// Priority per metre of thickness, and the secant and near distance of the camera.
+    /// As in the camera; a secant of 0 says that the priority does not depend on the distance.
     weight: f64,
     secant: f64,
     near_m: f64,
@@ -65,23 +63,21 @@ impl Camera {
 
     /// [`Camera::priority`] with what bounds its changes.
     pub fn appraise(&self, thickness_m: f64, centre: DVec3, radius_m: f64) -> Appraisal {
-        let mut appraisal = Appraisal {
-            priority: self.priority(thickness_m, centre, radius_m),
-            thickness_m,
-            nearest_m: f64::INFINITY,
-            horizontal_m: 0.0,
-            distance_m: 0.0,
-            inside_m: f64::INFINITY,
-            outside_m: f64::NEG_INFINITY,
-            slack_m: 0.0,
-            weight: 1.0,
-            secant: 0.0,
-            near_m: 0.0,
-        };
-        if let Some(eye) = &self.eye {
-            eye.measure(centre, radius_m, &mut appraisal);
+        match &self.eye {
+            Some(eye) => eye.appraise(thickness_m, centre, radius_m),
+            None => Appraisal {
+                priority: self.priority(thickness_m, centre, radius_m),
+                thickness_m,
+                nearest_m: f64::INFINITY,
+                horizontal_m: 0.0,
+                distance_m: 0.0,
+                inside_m: f64::INFINITY,
+                slack_m: 0.0,
+                weight: 1.0,
+                secant: 0.0,
+                near_m: 0.0,
+            },
         }
-        appraisal
     }
 }
 
@@ -103,28 +99,39 @@ impl Eye {
         Some(Motion { shift_m: length(self.eye - before.eye), turn })
     }
 
-    fn measure(&self, centre: DVec3, radius_m: f64, a: &mut Appraisal) {
+    /// The numbers of [`Eye::priority`], all of them.
+    fn appraise(&self, thickness_m: f64, centre: DVec3, radius_m: f64) -> Appraisal {
         let offset = centre - self.eye;
         let depth = dot(offset, self.forward);
         let horizontal_square = offset.x * offset.x + offset.y * offset.y;
-        a.distance_m = (horizontal_square + offset.z * offset.z).sqrt();
-        a.slack_m = SLACK * (a.distance_m + self.eye.x.abs() + self.eye.y.abs() + self.eye.z.abs());
-        a.nearest_m = depth - radius_m;
-        a.near_m = self.near_m;
-        a.weight = self.weight;
-        let margin = match self.projection {
-            Projection::Perspective { .. } => {
-                a.horizontal_m = horizontal_square.sqrt() + radius_m;
-                a.secant = self.secant;
-                [radius_m; 2]
-            }
-            Projection::Orthographic { .. } => [radius_m + self.half[0], radius_m + self.half[1]],
-        };
-        let mut least = depth + radius_m - self.near_m;
+        let distance_m = (horizontal_square + offset.z * offset.z).sqrt();
+        let is_perspective = matches!(self.projection, Projection::Perspective { .. });
+        let margin = if is_perspective { [radius_m; 2] } else { [radius_m + self.half[0], radius_m + self.half[1]] };
+        let behind = depth + radius_m;
+        let (mut inside_m, mut culled) = (behind - self.near_m, behind < self.near_m);
         for (n, side) in self.sides.iter().enumerate() {
-            least = least.min(dot(offset, *side) + margin[n / 2]);
+            let distance = dot(offset, *side);
+            culled |= distance < -margin[n / 2];
+            inside_m = inside_m.min(distance + margin[n / 2]);
         }
-        (a.inside_m, a.outside_m) = (least, -least);
+        let horizontal_m = horizontal_square.sqrt() + radius_m;
+        let priority = if culled || thickness_m <= 0.0 {
+            0.0
+        } else {
+            self.distortion_bound(thickness_m, depth - radius_m, || horizontal_m)
+        };
+        Appraisal {
+            priority,
+            thickness_m,
+            nearest_m: depth - radius_m,
+            horizontal_m,
+            distance_m,
+            inside_m,
+            slack_m: SLACK * (distance_m + self.eye.x.abs() + self.eye.y.abs() + self.eye.z.abs()),
+            weight: self.weight,
+            secant: if is_perspective { self.secant } else { 0.0 },
+            near_m: self.near_m,
+        }
     }
 }
 
@@ -150,7 +157,7 @@ impl Appraisal {
     /// Whether the priority is sure to stay below `ceiling`, or zero, while the camera moves by no more than `motion`.
     pub fn stays_below(&self, ceiling: f64, motion: Motion) -> bool {
         let travel = self.travel(motion);
-        if self.thickness_m <= 0.0 || self.outside_m > travel {
+        if self.thickness_m <= 0.0 || -self.inside_m > travel {
             return true;
         }
         let closest = self.nearest_m - travel;

@@ -242,20 +242,23 @@ impl Eye {
         let offset = centre - self.eye;
         let depth = dot(offset, self.forward);
         let Some(inside) = self.cull(inside, offset, depth, radius_m) else { return (0.0, inside) };
-        let nearest = depth - radius_m;
+        let horizontal = || (offset.x * offset.x + offset.y * offset.y).sqrt() + radius_m;
+        (self.distortion_bound(thickness_m, depth - radius_m, horizontal), inside)
+    }
+
+    /// The bound for a ball that is not outside of a plane, by its least depth and its greatest horizontal distance.
+    fn distortion_bound(&self, thickness_m: f64, nearest: f64, horizontal: impl FnOnce() -> f64) -> f64 {
         // Not `nearest <= near`: a ball of infinite radius must not slip through as NaN either.
         if !(nearest > self.near_m && thickness_m.is_finite()) {
-            return (f64::INFINITY, inside);
+            return f64::INFINITY;
         }
-        let priority = match self.projection {
+        match self.projection {
             Projection::Perspective { .. } => {
-                let horizontal = (offset.x * offset.x + offset.y * offset.y).sqrt() + radius_m;
-                let spread = (self.secant / nearest).min(horizontal / (nearest * nearest));
+                let spread = (self.secant / nearest).min(horizontal() / (nearest * nearest));
                 self.weight * thickness_m * spread
             }
             Projection::Orthographic { .. } => self.weight * thickness_m,
-        };
-        (priority, inside)
+        }
     }
 
     /// `None` when one of the planes that are not in `inside` has the whole ball on its outer side; else `inside` with
