@@ -11,12 +11,14 @@ pub mod args;
 mod check;
 mod consistency;
 mod demo;
+mod fly;
 mod generator;
 mod info;
 mod ingest;
 mod los;
 mod mesh;
 mod pictures;
+mod plot;
 mod progress;
 mod serve;
 mod verify;
@@ -60,6 +62,7 @@ enum Verb {
     Info(info::Args),
     Verify(verify::Args),
     Los(los::Args),
+    Fly(fly::Args),
     Serve(serve::Args),
     View(view::Args),
     Consistency(consistency::Args),
@@ -133,6 +136,7 @@ impl Verb {
             Self::Info(args) => args.run(context),
             Self::Verify(args) => args.run(context),
             Self::Los(args) => args.run(context),
+            Self::Fly(args) => args.run(context),
             Self::Serve(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),

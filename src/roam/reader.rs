@@ -43,7 +43,7 @@ impl<T: Terrain> Reader<T> {
     /// The drawn height of a post of the root square and the bounds of its diamond.
     pub(super) fn read(&mut self, p: Post) -> Result<(f64, DiamondBounds), ReadError> {
         let z = self.height(self.grid.clamp(p))?;
-        let bounds = if (p.i | p.j) % 2 == 0 {
+        let bounds = if (p.i | p.j).is_multiple_of(2) {
             self.terrain.bounds(p)?
         } else {
             // Three quarters of all posts: their bounds follow from a few heights, which are at hand.

@@ -92,7 +92,8 @@ fn moved(seed: u64, scale: f64) -> Camera {
     };
     let q = quaternion(seed);
     let part = |n| (unit(seed, n) - 0.5) * scale;
-    let turned = if seed % 3 == 0 { q } else { (q * DQuat::from_xyzw(part(33), part(34), part(35), 1.0)).normalize() };
+    let turned =
+        if seed.is_multiple_of(3) { q } else { (q * DQuat::from_xyzw(part(33), part(34), part(35), 1.0)).normalize() };
     Camera::new(eye + step, turned, projection, [640 + (seed % 700) as u32, 480]).unwrap()
 }
 

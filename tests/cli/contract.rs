@@ -8,7 +8,7 @@ use super::sightline;
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
-const VERBS: [(&str, &str, &str); 9] = [
+const VERBS: [(&str, &str, &str); 10] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
@@ -22,6 +22,7 @@ const VERBS: [(&str, &str, &str); 9] = [
         "<DB>",
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
+    ("fly", "<DB>", "--flight --frames --triangles --algorithm --plot -o --seed --force"),
     ("serve", "<DB>", "--listen"),
     ("view", "<ADDR>", "-o --triangles --flight --frames --record --exercise --every --fov --viewport --seed --force"),
     (

@@ -2,6 +2,7 @@
 
 mod contract;
 mod database;
+mod fly;
 mod los;
 mod mesh;
 mod pipe;

@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use super::{sightline, status};
 
 /// A database of 70 x 66 posts, 10 m apart, with its south-west post at (1005, 2005).
-fn database(folder: &Path) -> String {
+pub(super) fn database(folder: &Path) -> String {
     let (grid, database) = (folder.join("hills.asc"), folder.join("hills.sldb"));
     let mut text = "ncols 70\nnrows 66\nxllcorner 1000\nyllcorner 2000\ncellsize 10\nNODATA_value -9999\n".to_owned();
     for row in 0..66 {
