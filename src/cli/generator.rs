@@ -169,6 +169,7 @@ async fn ground_m(client: &Client, points: &[[f64; 2]]) -> Result<Vec<f64>, Fail
             frame: v1::CoordinateFrame::Scene.into(),
             x: chunk.iter().map(|p| p[0]).collect(),
             y: chunk.iter().map(|p| p[1]).collect(),
+            normals: false,
         };
         let heights = client.heights(request).await.map_err(failure)?;
         if heights.z.len() != chunk.len() || heights.known.len() != chunk.len() {

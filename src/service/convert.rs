@@ -4,8 +4,8 @@ use sightline_proto::v1;
 use tonic::Status;
 
 use crate::{
-    exercise::{Altitude, Anchor, Change, Entity, Frame, LineState, Place, SightLine},
-    los::Verdict,
+    exercise::{Altitude, Anchor, Change, Entity, Frame, LineState, Place, SightLine, Site},
+    los::{Earth, LosError, Options, Precision, Verdict},
     roam::Fidelity,
 };
 
@@ -51,6 +51,37 @@ pub(super) fn end(end: Option<v1::SightLineEnd>, what: &str) -> Result<Place, St
     place(end.position, end.frame, end.altitude).map_err(named)
 }
 
+/// How lines are to be answered; `strict` is left to the caller.
+pub(super) fn options(options: Option<&v1::QueryOptions>, site: &Site) -> Result<Options, Status> {
+    use v1::Precision as Wire;
+    let Some(options) = options else { return Ok(Options::default()) };
+    let invalid = |error: LosError| Status::invalid_argument(format!("options: {error}"));
+    let precision = match Wire::try_from(options.precision).map_err(|_| unknown("precision", options.precision))? {
+        Wire::Unspecified | Wire::Exact => Precision::Exact,
+        Wire::F64 => Precision::F64,
+        Wire::Fast => Precision::Fast,
+        Wire::Tolerance if options.tolerance >= 0.0 => Precision::Tolerance(options.tolerance),
+        Wire::Tolerance => return Err(invalid(LosError::BadTolerance(options.tolerance))),
+    };
+    let earth = match options.sphere {
+        None => Earth::Flat,
+        Some(v1::SphericalEarth { radius_m, refraction }) => {
+            let refraction = if refraction == 0.0 { 1.0 } else { refraction };
+            Earth::sphere(radius_m, refraction, site.scale).map_err(invalid)?
+        }
+    };
+    Ok(Options { precision, earth, ..Options::default() })
+}
+
+/// [`options`] of what is always exact.
+pub(super) fn exact_options(given: Option<&v1::QueryOptions>, site: &Site) -> Result<Options, Status> {
+    let options = options(given, site)?;
+    if options.precision != Precision::Exact {
+        return Err(Status::invalid_argument("options: this is answered with PRECISION_EXACT only"));
+    }
+    Ok(options)
+}
+
 fn anchor(anchor: Option<v1::Anchor>, what: &str) -> Result<Anchor, Status> {
     match anchor.and_then(|anchor| anchor.anchor).ok_or_else(|| missing(what))? {
         v1::anchor::Anchor::Entity(v1::EntityAnchor { entity_id, height_offset_m }) => {
@@ -88,6 +119,11 @@ pub(super) fn change(request: &v1::ChangeExerciseRequest) -> Result<Change, Stat
 
 pub(super) fn position_to_wire([x, y, z]: [f64; 3]) -> v1::Position {
     v1::Position { x, y, z }
+}
+
+pub(super) fn segment_to_wire(ends: [[f64; 3]; 2]) -> v1::Segment {
+    let [a, b] = ends.map(|end| Some(position_to_wire(end)));
+    v1::Segment { a, b }
 }
 
 pub(super) fn entity_to_wire(entity: &Entity) -> v1::Entity {

@@ -11,6 +11,7 @@ mod lines_of_sight;
 mod scenes;
 mod status;
 mod terrains;
+mod wanted;
 
 use std::{future::Future, io, sync::Arc, thread, time::Duration};
 
@@ -43,8 +44,24 @@ use crate::{
 pub const MAX_REQUEST_BYTES: usize = 16 << 20;
 /// Greatest number of lines of one batch.
 pub const MAX_BATCH_LINES: usize = 250_000;
+/// Greatest number of lines of one group in a stream of questions.
+pub const MAX_STREAM_LINES: usize = 10_000;
+/// Groups of one such stream that are computed or wait to be read.
+pub const MAX_STREAM_GROUPS: usize = 8;
+/// Greatest number of azimuths of one horizon.
+pub const MAX_AZIMUTHS: usize = 3_600;
+/// Greatest number of breaks of one profile.
+pub const MAX_PROFILE_BREAKS: usize = 1_000_000;
+/// Greatest number of cells of one viewshed, counted in the square around a radius.
+pub const MAX_VIEWSHED_CELLS: usize = 100_000_000;
+/// Greatest number of points of one intervisibility matrix.
+pub const MAX_MATRIX_POINTS: usize = 2_000;
 /// Greatest number of positions of one request for heights.
 pub const MAX_HEIGHTS: usize = 250_000;
+/// Streams of answers under way at the same time: more would hold threads for clients that do not read.
+pub const MAX_ANSWERING: usize = 64;
+/// What a client is told when its call panicked.
+const DEFECT: &str = "a defect of the server ended this call; its log tells more";
 /// Greatest number of views of a server, unless it is told otherwise.
 pub const MAX_VIEWS: usize = 1_000;
 /// How long a client may take to say what view it wants.
@@ -136,6 +153,8 @@ struct Shared<T> {
     changes: watch::Sender<u64>,
     /// Permits for work off the network threads.
     compute: Arc<Semaphore>,
+    /// Permits for streams of answers.
+    answering: Arc<Semaphore>,
     limits: Limits,
     /// Permits for views.
     views: Arc<Semaphore>,
@@ -156,6 +175,7 @@ impl<T: ServedTerrain> Shared<T> {
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
             compute: Arc::new(Semaphore::new(threads)),
+            answering: Arc::new(Semaphore::new(MAX_ANSWERING)),
             limits,
             views: Arc::new(Semaphore::new(limits.views)),
             stopping,
@@ -171,7 +191,7 @@ impl<T: ServedTerrain> Shared<T> {
             drop(turn);
             result
         });
-        done.await.map_err(|_| Status::internal("a defect of the server ended this call; its log tells more"))
+        done.await.map_err(|_| Status::internal(DEFECT))
     }
 }
 

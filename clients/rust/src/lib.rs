@@ -31,6 +31,7 @@
 //! # }
 //! ```
 
+mod lines;
 pub mod morph;
 pub mod raster;
 pub mod scene;
@@ -43,6 +44,7 @@ use sightline_proto::v1::{
 use thiserror::Error;
 use tonic::transport::{Channel, Endpoint};
 
+pub use lines::{LineStream, Tiles};
 pub use sightline_proto::v1;
 pub use view::{Event, View};
 
@@ -81,6 +83,8 @@ pub struct BatchAnswers {
     pub verdicts: Vec<v1::Verdict>,
     /// Whether each line grazes.
     pub grazes: Vec<bool>,
+    /// Whether each verdict is exact.
+    pub certain: Vec<bool>,
 }
 
 /// A connection to a server. Cheap to clone; clones share it.
@@ -126,11 +130,13 @@ impl Client {
         let mut chunks = self.lines().query_line_of_sight_batch(request).await?.into_inner();
         let mut answers = BatchAnswers::default();
         while let Some(chunk) = chunks.message().await? {
-            if chunk.first_index as usize != answers.verdicts.len() || chunk.verdicts.len() != chunk.grazes.len() {
+            let lengths = [chunk.grazes.len(), chunk.certain.len()];
+            if chunk.first_index as usize != answers.verdicts.len() || lengths != [chunk.verdicts.len(); 2] {
                 return Err(ClientError::Protocol("a chunk of answers that does not follow the one before"));
             }
             answers.verdicts.extend(chunk.verdicts());
             answers.grazes.extend(&chunk.grazes);
+            answers.certain.extend(&chunk.certain);
         }
         Ok(answers)
     }

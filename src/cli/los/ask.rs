@@ -85,9 +85,6 @@ impl Asker {
             };
             return Ok(Self::Database(Box::new(database), site, pyramid));
         }
-        if precision != Precision::Exact {
-            return Err(Failure::Usage(format!("--precision {precision} needs a database: servers answer exactly")));
-        }
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
             .build()
@@ -117,7 +114,13 @@ impl Asker {
             }
             Self::Server(client, runtime) => {
                 let [a, b] = ends.map(|end| Some(end_to_wire(manner, end)));
-                let request = v1::QueryLineOfSightRequest { a, b, strict: manner.options.strict, derive: true };
+                let request = v1::QueryLineOfSightRequest {
+                    a,
+                    b,
+                    strict: manner.options.strict,
+                    derive: manner.options.precision == Precision::Exact,
+                    options: Some(options_to_wire(manner.options)),
+                };
                 runtime.block_on(client.query(request)).map_err(client_failure).map(reply_from_wire)
             }
         }
@@ -147,6 +150,7 @@ impl Asker {
                 frame: frame_to_wire(manner.frame).into(),
                 altitude: altitude_to_wire(manner.altitude).into(),
                 strict: manner.options.strict,
+                options: Some(options_to_wire(manner.options)),
                 ax: column(0, 0),
                 ay: column(0, 1),
                 az: column(0, 2),
@@ -237,6 +241,16 @@ fn altitude_to_wire(altitude: Altitude) -> v1::AltitudeReference {
     }
 }
 
+fn options_to_wire(options: Options) -> v1::QueryOptions {
+    let (precision, tolerance) = match options.precision {
+        Precision::Exact => (v1::Precision::Exact, 0.0),
+        Precision::F64 => (v1::Precision::F64, 0.0),
+        Precision::Fast => (v1::Precision::Fast, 0.0),
+        Precision::Tolerance(tolerance) => (v1::Precision::Tolerance, tolerance),
+    };
+    v1::QueryOptions { precision: precision.into(), tolerance, sphere: None }
+}
+
 fn end_to_wire(manner: Manner, [x, y, z]: [f64; 3]) -> v1::SightLineEnd {
     v1::SightLineEnd {
         position: Some(v1::Position { x, y, z }),
@@ -266,7 +280,7 @@ fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
             v1::UnknownReason::NoGround => Some(NO_GROUND),
         },
         grazes: response.grazes,
-        certain: true,
+        certain: response.certain,
         resolved: response.resolved.map(|segment| [point(segment.a), point(segment.b)]),
         range_m: response.range_m,
         sagitta_m: response.sagitta_m,

@@ -54,7 +54,7 @@ pub(super) struct Args {
     #[command(flatten)]
     earth: EarthShape,
     /// How certain verdicts are: exact; f64 or fast (f32), wrong near ties; tolerance:H, which answers from bounds of
-    /// blocks what cannot be wrong by more than H height units. All but exact need a database, and derive nothing.
+    /// blocks what cannot be wrong by more than H height units. All but exact derive nothing.
     #[arg(long, value_name = "PRECISION", default_value_t = Precision::Exact)]
     precision: Precision,
 }

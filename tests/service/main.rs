@@ -1,9 +1,11 @@
 //! The server as clients meet it: really started, on a loopback port.
 
+mod lines;
+
 use std::{
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::Duration,
 };
@@ -11,7 +13,7 @@ use std::{
 use sightline::{
     exercise::Site,
     los::{self, Options},
-    service::{self, Limits, MAX_BATCH_LINES, ServedTerrain},
+    service::{self, Limits, MAX_BATCH_LINES, MAX_STREAM_LINES, ServedTerrain},
     session::Details,
     terrain::{Georeference, Grid, HeightField, HeightPage, PageId, ReadError, SceneScale, synthetic},
     wedgie::{DiamondBounds, ErrorBounds, MemoryTerrain},
@@ -34,12 +36,22 @@ struct TestTerrain {
     memory: MemoryTerrain,
     georeference: Option<Georeference>,
     damaged: AtomicBool,
+    /// Whether reading a page takes its time.
+    slow: AtomicBool,
+    /// Pages read.
+    reads: AtomicU64,
 }
 
 impl TestTerrain {
     fn new(georeference: Option<Georeference>) -> Arc<Self> {
         let memory = MemoryTerrain::new(synthetic::fractal(90, 70, 11, 1500).unwrap(), SCALE).unwrap();
-        Arc::new(Self { memory, georeference, damaged: AtomicBool::new(false) })
+        Arc::new(Self {
+            memory,
+            georeference,
+            damaged: AtomicBool::new(false),
+            slow: AtomicBool::new(false),
+            reads: AtomicU64::new(0),
+        })
     }
 }
 
@@ -51,6 +63,10 @@ impl HeightField for TestTerrain {
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
         if self.damaged.load(Ordering::Relaxed) {
             return Err(ReadError::Damaged { what: "page 3".into(), detail: "its checksum is wrong".into() });
+        }
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        if self.slow.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(1));
         }
         self.memory.page(id)
     }
@@ -191,6 +207,7 @@ async fn the_terrain_is_described_and_its_heights_are_exact() {
         frame: v1::CoordinateFrame::Geographic.into(),
         x: posts.iter().map(|p| 10.0 + 0.25 * f64::from(p.0)).chain([0.0]).collect(),
         y: posts.iter().map(|p| 50.0 + 0.5 * f64::from(p.1)).chain([0.0]).collect(),
+        normals: false,
     };
     let heights = client.heights(request.clone()).await.unwrap();
     assert_eq!(heights.known, [true, true, true, false]);
@@ -223,6 +240,7 @@ async fn queries_answer_as_the_library_does_and_batches_as_queries() {
         bx: column(2),
         by: column(3),
         bz: vec![4.0; lines.len()],
+        options: None,
     };
     let batch = client.query_batch(request.clone()).await.unwrap();
     assert_eq!(batch.verdicts.len(), lines.len());
@@ -239,7 +257,8 @@ async fn queries_answer_as_the_library_does_and_batches_as_queries() {
         blocked += u32::from(expected == los::Verdict::Blocked);
         if n % 997 == 0 {
             let (a, b) = (end(line[0], line[1], 4.0), end(line[2], line[3], 4.0));
-            let answer = client.query(v1::QueryLineOfSightRequest { a, b, strict: false, derive: true }).await.unwrap();
+            let answer =
+                client.query(v1::QueryLineOfSightRequest { a, b, derive: true, ..Default::default() }).await.unwrap();
             assert_eq!(answer.verdict(), batch.verdicts[n]);
             assert_eq!(answer.first_from_a.is_some(), expected == los::Verdict::Blocked);
             assert_eq!(answer.least_clearance.is_some(), expected == los::Verdict::Visible);
