@@ -5,6 +5,7 @@
 //! frame sent. So a slow client never makes a queue; it gets fewer frames, each of the newest state.
 
 mod describe;
+mod frame_time;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -22,12 +23,13 @@ use sightline_proto::{
 use thiserror::Error;
 
 pub use describe::{Details, describe};
+pub use frame_time::FrameTime;
 pub use settings::{MAX_SUBSCRIBED_IDS, MAX_TRIANGLES, MIN_TRIANGLES, Pose, Settings, SettingsError, Subscription};
 
 use crate::{
     exercise::{EYE_LINE_ID, Exercise, LineState},
     los::{LosError, Verdict},
-    roam::{Fidelity, MeshError, RequiredLine, Terrain, ViewMesh},
+    roam::{Fidelity, MeshError, RequiredLine, Target, Terrain, ViewMesh},
     terrain::{ReadError, SceneScale},
     view::Camera,
 };
@@ -107,6 +109,8 @@ pub struct View<T: Terrain> {
     scale: SceneScale,
     mesh: ViewMesh<T>,
     wanted: Wanted,
+    /// Steers the budget where the target is a frame time.
+    frame_time: Option<FrameTime>,
     frame_due: bool,
     snapshot_due: bool,
     /// The mesh of two triangles that all others start from.
@@ -133,12 +137,14 @@ impl<T: Terrain> View<T> {
         let coarsest = Replica::new(description)?;
         let camera = settings.camera(&pose)?;
         let mesh = ViewMesh::new(Arc::clone(&terrain), scale)?;
+        let frame_time = settings.controller(None);
         let wanted = Wanted { settings, pose, camera, pose_sequence: 0, exercise };
         Ok(Self {
             terrain,
             scale,
             mesh,
             wanted,
+            frame_time,
             frame_due: true,
             snapshot_due: true,
             sent: coarsest.clone(),
@@ -170,6 +176,10 @@ impl<T: Terrain> View<T> {
     fn steer(&mut self, steer: &v1::SteerView) -> Result<(), EventError> {
         let pose = steer.pose.as_ref().map(Pose::from_wire).transpose()?;
         let settings = steer.settings.as_ref().map(Settings::from_wire).transpose()?;
+        let took_ms = steer.frame_time_ms;
+        if !(took_ms.is_finite() && took_ms >= 0.0) {
+            return Err(SettingsError::Milliseconds("frame_time_ms", took_ms).into());
+        }
         let (found, last) = (steer.pose_sequence, self.wanted.pose_sequence);
         if pose.is_some() && found <= last {
             return Err(EventError::PoseSequence { found, last });
@@ -183,7 +193,13 @@ impl<T: Terrain> View<T> {
             (self.wanted.pose, self.wanted.pose_sequence) = (pose, found);
         }
         if let Some(settings) = settings {
+            self.frame_time = settings.controller(self.frame_time);
             self.wanted.settings = settings;
+        }
+        if let Some(control) = &mut self.frame_time
+            && took_ms > 0.0
+        {
+            self.frame_due |= control.report(took_ms);
         }
         Ok(())
     }
@@ -208,7 +224,9 @@ impl<T: Terrain> View<T> {
             return Ok(Vec::new());
         }
         let required = self.required()?;
-        let report = self.mesh.update(&self.wanted.camera, self.wanted.settings.target, &required)?;
+        let budget = self.frame_time.map(|control| Target::TriangleBudget(control.budget()));
+        let target = budget.unwrap_or(self.wanted.settings.target);
+        let report = self.mesh.update(&self.wanted.camera, target, &required)?;
         let sequence = self.sent.sequence() + 1;
         let mesh = self.coarsest.with_posts(integer_posts(&self.mesh)?, sequence)?;
         let base = (!self.snapshot_due).then_some(&self.sent);

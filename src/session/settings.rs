@@ -6,6 +6,7 @@ use glam::{DQuat, DVec3};
 use sightline_proto::v1;
 use thiserror::Error;
 
+use super::FrameTime;
 use crate::{
     roam::Target,
     view::{Camera, CameraError, Projection},
@@ -34,6 +35,9 @@ pub enum SettingsError {
     /// A distortion that cannot be aimed for.
     #[error("screen_error.pixels is {0}; it must be finite and above 0")]
     Pixels(f64),
+    /// A time that no frame takes.
+    #[error("{0} is {1} ms; it must be finite and above 0 (a report of 0 says nothing)")]
+    Milliseconds(&'static str, f64),
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
@@ -71,8 +75,10 @@ pub struct Settings {
     pub projection: Projection,
     /// Width and height of the picture in pixels.
     pub viewport_px: [u32; 2],
-    /// The target.
+    /// The target. For a frame time it states the greatest number of triangles.
     pub target: Target,
+    /// Milliseconds that a client's frame should take, where that steers the number of triangles.
+    pub frame_time_ms: Option<f64>,
     /// The sight lines.
     pub subscription: Subscription,
 }
@@ -93,8 +99,16 @@ impl Settings {
             projection: projection(settings)?,
             viewport_px: [settings.viewport_width_px, settings.viewport_height_px],
             target: target(settings)?,
+            frame_time_ms: frame_time_ms(settings)?,
             subscription: subscription(settings)?,
         })
+    }
+
+    /// The controller of the budget where the target is a frame time: `before` if that aims for the same.
+    pub(super) fn controller(&self, before: Option<FrameTime>) -> Option<FrameTime> {
+        let (Some(wanted_ms), Target::TriangleBudget(max)) = (self.frame_time_ms, self.target) else { return None };
+        let before = before.filter(|control| control.aims_for(wanted_ms, max));
+        Some(before.unwrap_or_else(|| FrameTime::new(wanted_ms, max)))
     }
 
     /// The camera of a pose.
@@ -115,6 +129,7 @@ fn target(settings: &v1::ViewSettings) -> Result<Target, SettingsError> {
     use v1::view_settings::Target as Wire;
     Ok(match settings.target.as_ref().ok_or(SettingsError::Missing("target"))? {
         Wire::TriangleBudget(budget) => Target::TriangleBudget(triangles("triangle_budget", budget.triangles)?),
+        Wire::FrameTime(time) => Target::TriangleBudget(triangles("frame_time.max_triangles", time.max_triangles)?),
         Wire::ScreenError(error) if !(error.pixels.is_finite() && error.pixels > 0.0) => {
             return Err(SettingsError::Pixels(error.pixels));
         }
@@ -122,6 +137,16 @@ fn target(settings: &v1::ViewSettings) -> Result<Target, SettingsError> {
             Target::ScreenError { px: error.pixels, max: triangles("screen_error.max_triangles", error.max_triangles)? }
         }
     })
+}
+
+fn frame_time_ms(settings: &v1::ViewSettings) -> Result<Option<f64>, SettingsError> {
+    match settings.target {
+        Some(v1::view_settings::Target::FrameTime(v1::FrameTime { milliseconds, .. })) => {
+            let sound = milliseconds.is_finite() && milliseconds > 0.0;
+            if sound { Ok(Some(milliseconds)) } else { Err(SettingsError::Milliseconds("frame_time", milliseconds)) }
+        }
+        _ => Ok(None),
+    }
 }
 
 fn triangles(what: &'static str, found: u32) -> Result<u32, SettingsError> {

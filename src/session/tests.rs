@@ -77,7 +77,7 @@ fn opened(
 }
 
 fn steer(pose: Option<v1::Pose>, pose_sequence: u64, applied_sequence: u64) -> Event {
-    Event::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings: None })
+    Event::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, ..Default::default() })
 }
 
 /// Frames of a list of messages.
@@ -185,6 +185,27 @@ fn what_makes_no_sense_is_refused_and_changes_nothing() {
 }
 
 #[test]
+fn a_slow_client_that_asked_for_a_frame_time_gets_fewer_triangles() {
+    let terrain = terrain();
+    let time = v1::FrameTime { milliseconds: 10.0, max_triangles: 2500 };
+    let settings =
+        v1::ViewSettings { target: Some(v1::view_settings::Target::FrameTime(time)), ..wire_settings(2, None) };
+    let (mut view, _) = opened(&terrain, &settings, None);
+    let mut counts = Vec::new();
+    for n in 1..=30_u64 {
+        let messages = view.produce().unwrap();
+        counts.push(frames(&messages)[0].triangle_count);
+        let frame_time_ms = f64::from(counts[counts.len() - 1]) * 0.02;
+        let pose = Some(wire_pose(800.0, 500.0, 0.3));
+        let steer = v1::SteerView { pose, pose_sequence: n, applied_sequence: n, frame_time_ms, ..Default::default() };
+        view.handle(Event::Steer(steer)).unwrap();
+    }
+    assert!(counts[0] > 1000 && (350..=525).contains(&counts[29]), "{counts:?}");
+    let bad = v1::SteerView { frame_time_ms: f64::NAN, ..Default::default() };
+    assert!(view.handle(Event::Steer(bad)).is_err());
+}
+
+#[test]
 fn settings_that_make_no_sense_are_refused() {
     let refused = |change: &dyn Fn(&mut v1::ViewSettings)| {
         let mut settings = wire_settings(100, None);
@@ -202,6 +223,8 @@ fn settings_that_make_no_sense_are_refused() {
         refused(&|s| s.projection = Some(Projection::Perspective(v1::Perspective { tan_half_fov: bad, near_m })));
         refused(&|s| s.projection = Some(Projection::Perspective(v1::Perspective { tan_half_fov: 1.0, near_m: bad })));
         refused(&|s| s.projection = Some(Projection::Orthographic(v1::Orthographic { half_height_m: bad, near_m })));
+        let time = v1::FrameTime { milliseconds: bad, max_triangles: 10 };
+        refused(&|s| s.target = Some(Target::FrameTime(time)));
         refused(&|s| s.target = Some(Target::ScreenError(v1::ScreenError { pixels: bad, max_triangles: 10 })));
     }
     let ids = vec![1; MAX_SUBSCRIBED_IDS + 1];

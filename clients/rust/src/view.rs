@@ -39,6 +39,8 @@ pub struct View {
     last: Option<v1::StreamSceneResponse>,
     pose_sequence: u64,
     received_sequence: u64,
+    /// How long the last frame took to draw; 0 when it was told or never known.
+    frame_time_ms: f64,
     /// A snapshot has still to be asked for.
     snapshot_due: bool,
     /// A frame could not be applied, and no snapshot has come since.
@@ -59,7 +61,19 @@ impl View {
         let scene = SceneState::new(opened, max_triangles, with_lines)?;
         let (opened, last) = (first, None);
         let (pose_sequence, received_sequence, snapshot_due, lost) = (0, 0, false, false);
-        Ok(Self { outbox, inbox, scene, opened, last, pose_sequence, received_sequence, snapshot_due, lost })
+        let frame_time_ms = 0.0;
+        Ok(Self {
+            outbox,
+            inbox,
+            scene,
+            opened,
+            last,
+            pose_sequence,
+            received_sequence,
+            frame_time_ms,
+            snapshot_due,
+            lost,
+        })
     }
 
     /// What the client knows.
@@ -89,6 +103,11 @@ impl View {
         // Frames under way may still be of the old target.
         self.scene.allow_triangles(max_triangles(&settings));
         self.send(self.steering(None, Some(settings))).await
+    }
+
+    /// Says how long the last frame took to draw, with the next pose: a target of a frame time needs it.
+    pub fn set_frame_time_ms(&mut self, frame_time_ms: f64) {
+        self.frame_time_ms = frame_time_ms;
     }
 
     /// Asks for a frame that is based on nothing.
@@ -132,7 +151,8 @@ impl View {
 
     fn steering(&self, pose: Option<v1::Pose>, settings: Option<v1::ViewSettings>) -> Request {
         let (pose_sequence, applied_sequence) = (self.pose_sequence, self.scene.replica().sequence());
-        Request::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings })
+        let frame_time_ms = if pose.is_some() { self.frame_time_ms } else { 0.0 };
+        Request::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings, frame_time_ms })
     }
 
     /// Asks for a snapshot that is due.
@@ -163,6 +183,7 @@ fn max_triangles(settings: &v1::ViewSettings) -> u32 {
     match &settings.target {
         Some(Target::TriangleBudget(budget)) => budget.triangles,
         Some(Target::ScreenError(error)) => error.max_triangles,
+        Some(Target::FrameTime(time)) => time.max_triangles,
         None => 0,
     }
 }
