@@ -15,7 +15,7 @@
 //! Which cell a path is in may be wrong within the error of a post; the ground is continuous, and so is the result.
 
 use super::{
-    column::Column,
+    column::{Column, Shot},
     fan::{BACK, Fan},
     push::floor,
 };
@@ -27,7 +27,7 @@ const STEEP: f64 = 1.0 / 256.0;
 impl<H: HeightField + ?Sized> Fan<'_, H> {
     /// Whether the target at the projected height `target` and slope y / x of the column at hand is visible or blocked,
     /// when its path has no gap and is clear after the column before; `None` in doubt.
-    pub(super) fn back(&self, y: f64, q: f64, target: f64, margin: f64) -> Option<Verdict> {
+    pub(super) fn back(&self, y: f64, shot: Shot, target: f64, margin: f64) -> Option<Verdict> {
         let m = y * self.column(self.n).per_x;
         let whole = self.frame.across.floor();
         let fraction = self.frame.across - whole;
@@ -55,7 +55,7 @@ impl<H: HeightField + ?Sized> Fan<'_, H> {
                     }
                 }
             }
-            if target - margin > self.bounds(self.upper(n), q).upper {
+            if target - margin > self.bounds(self.upper(n), shot).upper {
                 return Some(Verdict::Visible);
             }
         }

@@ -7,6 +7,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
+use super::push::{Sectors, greater};
 use crate::terrain::{HeightField, HeightPage, PAGE_SIDE, PageId, ReadError, Samples};
 
 /// Heights beyond this are left to exact queries.
@@ -65,6 +66,17 @@ impl Frame {
     }
 }
 
+/// A projected post.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shot {
+    /// Height above A, lowered where the Earth is curved, by distance; NaN for a void post.
+    pub(super) s: f64,
+    /// The slope, counted in sectors.
+    pub(super) q: f64,
+    /// The sector held that q is in, numbered from the base; -1 before the first, their number after the last.
+    pub(super) k: i32,
+}
+
 /// The posts of a column, projected.
 #[derive(Clone, Default, Debug)]
 pub(super) struct Column {
@@ -75,8 +87,7 @@ pub(super) struct Column {
     pub(super) x: f64,
     /// 1 / x.
     pub(super) per_x: f64,
-    /// Heights above A, lowered where the Earth is curved, by distance; NaN for a void post.
-    pub(super) s: Vec<f64>,
+    pub(super) posts: Vec<Shot>,
     /// The greatest |s|, and more where terms of it were greater.
     pub(super) most: f64,
     /// Whether some post is void.
@@ -86,13 +97,19 @@ pub(super) struct Column {
 impl Column {
     /// The index after the last post across.
     pub(super) fn end(&self) -> i64 {
-        self.b + self.s.len() as i64
+        self.b + self.posts.len() as i64
+    }
+
+    /// Post `b`, if it is in the column.
+    #[inline]
+    pub(super) fn post(&self, b: i64) -> Option<Shot> {
+        usize::try_from(b - self.b).ok().and_then(|n| self.posts.get(n)).copied()
     }
 
     /// The projected height of post `b`; NaN where void or not in the column.
     #[inline]
     pub(super) fn at(&self, b: i64) -> f64 {
-        usize::try_from(b - self.b).ok().and_then(|n| self.s.get(n)).copied().unwrap_or(f64::NAN)
+        self.post(b).map_or(f64::NAN, |post| post.s)
     }
 }
 
@@ -103,35 +120,48 @@ pub(super) struct Reader<'a, H: HeightField + ?Sized> {
     /// Index of the pages held, along the axis; the pages across.
     line: i64,
     pages: BTreeMap<u32, Arc<HeightPage>>,
+    heights: Vec<f64>,
     /// Whether a height was beyond what bounds are for.
     pub(super) wild: bool,
 }
 
 impl<'a, H: HeightField + ?Sized> Reader<'a, H> {
     pub(super) fn new(field: &'a H, frame: Frame) -> Self {
-        Self { field, frame, line: -1, pages: BTreeMap::new(), wild: false }
+        Self { field, frame, line: -1, pages: BTreeMap::new(), heights: Vec::new(), wild: false }
     }
 
     /// Fills `column` with posts `first..=last` across of column `a`, all in the grid; none when last is before first.
-    pub(super) fn read(&mut self, a: i64, first: i64, last: i64, column: &mut Column) -> Result<(), ReadError> {
+    pub(super) fn read(
+        &mut self,
+        sectors: &Sectors,
+        a: i64,
+        first: i64,
+        last: i64,
+        column: &mut Column,
+    ) -> Result<(), ReadError> {
         let x = self.frame.x(a);
-        column.s.clear();
         (column.a, column.b, column.x, column.per_x) = (a, first, x, 1.0 / x);
-        self.heights(a, first, last, &mut column.s)?;
+        let mut heights = std::mem::take(&mut self.heights);
+        heights.clear();
+        self.heights(a, first, last, &mut heights)?;
         let (z, per_x) = (self.frame.z, column.per_x);
-        let (mut most, mut voids) = (0.0_f64, false);
-        for s in &mut column.s {
-            *s = (*s - z) * per_x;
+        let per_y = per_x * sectors.scale;
+        let (curved, mut most, mut voids) = (self.frame.bulge() > 0.0, 0.0_f64, false);
+        column.posts.clear();
+        column.posts.extend((first..).zip(&heights).map(|(b, &height)| {
+            let y = self.frame.y(b);
+            let mut s = (height - z) * per_x;
+            most = greater(s.abs(), most);
             voids |= s.is_nan();
-            most = most.max(s.abs());
-        }
-        if self.frame.bulge() > 0.0 {
-            for (b, s) in (first..).zip(&mut column.s) {
-                let drop = self.frame.drop(x, self.frame.y(b)) * per_x;
-                *s -= drop;
-                most = most.max(s.abs() + 2.0 * drop);
+            if curved {
+                let drop = self.frame.drop(x, y) * per_x;
+                s -= drop;
+                most = greater(s.abs() + 2.0 * drop, most);
             }
-        }
+            let q = y * per_y + sectors.offset;
+            Shot { s, q, k: sectors.number(q) }
+        }));
+        self.heights = heights;
         self.wild |= most * x > TAME;
         (column.most, column.voids) = (most, voids);
         Ok(())

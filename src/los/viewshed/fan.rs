@@ -8,9 +8,9 @@
 
 use super::{
     Asker, Found, Tile, Tiles,
-    column::{Column, Frame, Reader},
+    column::{Column, Frame, Reader, Shot},
     near,
-    push::{Gap, Horizon, Sectors, floor, margin},
+    push::{Gap, Horizon, Sectors, margin},
 };
 use crate::{
     los::{Lines, LosError, Verdict},
@@ -137,15 +137,15 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
     fn ring(&mut self, found: &mut Found) -> Result<(), LosError> {
         let mut column = std::mem::take(&mut self.columns[self.n % SLOTS]);
         let (first, last) = self.posts_of(self.a);
-        self.reader.read(self.a, first, last, &mut column)?;
+        self.reader.read(&self.horizon.sectors, self.a, first, last, &mut column)?;
         self.columns[self.n % SLOTS] = column;
         self.cells(found)?;
         let column = &self.columns[self.n % SLOTS];
         let none = Column::default();
         let before = if self.n == 0 { &none } else { &self.columns[(self.n - 1) % SLOTS] };
         let margin = margin(&self.frame, before, column);
-        self.horizon.push_strip(&self.frame, before, column, margin);
-        self.horizon.push_column(&self.frame, column, margin);
+        self.horizon.push_strip(before, column, margin);
+        self.horizon.push_column(column, margin);
         if before.voids || column.voids {
             self.horizon.mark_gaps(&self.frame, before, column);
         }
@@ -172,6 +172,7 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
         let ray = |k: i64| self.frame.across + column.x * self.horizon.sectors.slope(k);
         let first = (*cells.start()).max(ray(self.own.start).floor() as i64 - 1).max(column.b);
         let last = (*cells.end()).min(ray(self.own.end).ceil() as i64 + 1).min(column.end() - 1);
+        let aim = self.aim();
         let side = i64::from(PAGE_SIDE);
         let mut b = first;
         while b <= last {
@@ -180,7 +181,7 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
             let page = PageId { pi: i / PAGE_SIDE, pj: j / PAGE_SIDE };
             let tile = found.tiles.entry(page).or_insert_with(|| Tile::new(page));
             for b in b..=until {
-                if let Some((verdict, asked)) = self.cell(b)? {
+                if let Some((verdict, asked)) = self.cell(&aim, b)? {
                     let [i, j] = self.frame.post(self.a, b);
                     tile.set(i, j, verdict);
                     found.asked += u64::from(asked);
@@ -194,24 +195,44 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
         Ok(())
     }
 
+    /// What the targets of the column at hand have in common.
+    fn aim(&self) -> Aim {
+        let (none, column) = (Column::default(), self.column(self.n));
+        let before = if self.n == 0 { &none } else { self.column(self.n - 1) };
+        let height = self.asker.view.target_height;
+        let rise = height * column.per_x;
+        Aim {
+            below_ground: height < 0.0,
+            bounded: self.n > 0 && column.x >= ASKED_NEAR && !self.reader.wild,
+            rise,
+            // The target is rounded up to an f64, and that three times more.
+            margin: margin(&self.frame, before, column) + rise / (1_u64 << 40) as f64,
+        }
+    }
+
     /// The verdict on the cell of post `b`, and whether it was asked; `None` when it is another fan's.
     #[inline]
-    fn cell(&mut self, b: i64) -> Result<Option<(Verdict, bool)>, LosError> {
+    fn cell(&mut self, aim: &Aim, b: i64) -> Result<Option<(Verdict, bool)>, LosError> {
         let column = self.column(self.n);
         let y = self.frame.y(b);
         // A cell as far along both axes is east's or west's.
         if if self.frame.axis == 0 { y.abs() > column.x } else { y.abs() >= column.x } {
             return Ok(None);
         }
-        let q = self.horizon.sectors.q(&self.frame, column, b);
-        if !self.own.contains(&floor(q)) {
+        let post = column.posts[(b - column.b) as usize];
+        // The first and the last sector held are another fan's.
+        if post.k < 1 || post.k as usize >= self.horizon.sectors.len - 1 {
             return Ok(None);
         }
-        let s = column.at(b);
-        if s.is_nan() {
+        if post.s.is_nan() {
             return Ok(Some((Verdict::Unknown, false)));
         }
-        if let Some(verdict) = self.bounded(b, y, q, s) {
+        if aim.below_ground {
+            return Ok(Some((Verdict::Blocked, false)));
+        }
+        if aim.bounded
+            && let Some(verdict) = self.bounded(aim, b, y, post)
+        {
             return Ok(Some((verdict, false)));
         }
         let at = self.frame.post(self.a, b);
@@ -221,52 +242,40 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
 
     /// What the bounds say of the target over post `b`, if they are sure.
     #[inline]
-    fn bounded(&self, b: i64, y: f64, q: f64, s: f64) -> Option<Verdict> {
-        let height = self.asker.view.target_height;
-        if height < 0.0 {
-            return Some(Verdict::Blocked);
-        }
-        let column = self.column(self.n);
-        if self.n == 0 || column.x < ASKED_NEAR || self.reader.wild {
-            return None;
-        }
-        let before = self.column(self.n - 1);
-        let rise = height * column.per_x;
-        let target = s + rise;
-        // The target is rounded up to an f64, and that three times more.
-        let margin = margin(&self.frame, before, column) + rise / (1_u64 << 40) as f64;
-        let bounds = self.bounds(self.upper(self.n), q);
+    fn bounded(&self, aim: &Aim, b: i64, y: f64, post: Shot) -> Option<Verdict> {
+        let (target, margin) = (post.s + aim.rise, aim.margin);
+        let bounds = self.bounds(self.upper(self.n), post);
         if target + margin < bounds.lower {
             return Some(Verdict::Blocked);
         }
-        let last = self.last_crossing(b, y, q);
+        let last = self.last_crossing(b, y, post.q);
         if last > target + margin {
             return Some(Verdict::Blocked);
         }
-        let clear = match last {
-            f64::NEG_INFINITY => true,
-            last => last < target - margin,
-        };
+        // NaN is not clear, and none is.
+        let clear = last < target - margin;
         match bounds.gap {
             _ if !clear => None,
             Gap::None if target - margin > bounds.upper => Some(Verdict::Visible),
             Gap::All if target - margin > bounds.upper => Some(Verdict::Unknown),
-            Gap::None => self.back(y, q, target, margin),
+            Gap::None => self.back(y, post, target, margin),
             _ => None,
         }
     }
 
-    /// What holds for q, whichever of the sectors it is too near to tell.
+    /// What holds for a post, whichever of the sectors that it is too near to tell it is in.
     #[inline]
-    pub(super) fn bounds(&self, upper: &[f64], q: f64) -> Bounds {
+    pub(super) fn bounds(&self, upper: &[f64], post: Shot) -> Bounds {
         let horizon = &self.horizon;
-        let k = (floor(q) - horizon.sectors.base) as usize;
+        let k = post.k as usize;
         let mut bounds = Bounds { upper: upper[k], lower: horizon.lower[k], gap: horizon.gaps[k] };
-        for other in horizon.sectors.around(q).filter(|&other| other != k) {
-            bounds.upper = bounds.upper.max(upper[other]);
-            bounds.lower = bounds.lower.min(horizon.lower[other]);
-            if bounds.gap != horizon.gaps[other] {
-                bounds.gap = Gap::Some;
+        if horizon.sectors.is_near_ray(post.q) {
+            for other in horizon.sectors.around(post.q) {
+                bounds.upper = bounds.upper.max(upper[other]);
+                bounds.lower = bounds.lower.min(horizon.lower[other]);
+                if bounds.gap != horizon.gaps[other] {
+                    bounds.gap = Gap::Some;
+                }
             }
         }
         bounds
@@ -282,11 +291,19 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
         // A diagonal joins the posts beside this one of even sum; the path comes from the side of A.
         let (column, before) = (self.column(self.n), self.column(self.n - 1));
         let beside = if y > 0.0 { b - 1 } else { b + 1 };
-        let (from, to) =
-            (self.horizon.sectors.q(&self.frame, before, b), self.horizon.sectors.q(&self.frame, column, beside));
-        let (s, t) = (before.at(b), column.at(beside));
-        s + (q - from) / (to - from) * (t - s)
+        let (Some(from), Some(to)) = (before.post(b), column.post(beside)) else { return f64::NAN };
+        from.s + (q - from.q) / (to.q - from.q) * (to.s - from.s)
     }
+}
+
+/// What the targets of a column have in common.
+struct Aim {
+    below_ground: bool,
+    /// Whether bounds may be used.
+    bounded: bool,
+    /// By how much targets are above their posts, projected.
+    rise: f64,
+    margin: f64,
 }
 
 /// Bounds of the horizon.

@@ -25,7 +25,7 @@
 //! ends, by at most (east + north) / 4 each, both being at most a cell long: the margin has their sum, divided by the
 //! distance. Lower bounds need none of it. A target that clears the last crossing by that clears the chord to its post.
 
-use super::column::{Column, Frame};
+use super::column::{Column, Frame, Shot};
 
 /// Edges that span less of the slope are left to their posts.
 pub(super) const RADIAL: f64 = 1.0 / (1 << 20) as f64;
@@ -52,12 +52,6 @@ pub(super) struct Sectors {
 }
 
 impl Sectors {
-    /// q of a post of a column.
-    #[inline]
-    pub(super) fn q(&self, frame: &Frame, column: &Column, b: i64) -> f64 {
-        frame.y(b) * (column.per_x * self.scale) + self.offset
-    }
-
     /// The slope of ray `k`.
     pub(super) fn slope(&self, k: i64) -> f64 {
         (k as f64 - self.offset) / self.scale
@@ -76,11 +70,23 @@ impl Sectors {
         first as usize..(end as usize).max(first as usize)
     }
 
-    /// The rays held strictly after `low` and not after `high`, numbered from the base.
+    /// The sector held that q is in, numbered from the base; -1 before the first, their number after the last.
     #[inline]
-    fn rays(&self, low: f64, high: f64) -> std::ops::Range<usize> {
-        let (first, end) = (floor(low) + 1 - self.base, floor(high) + 1 - self.base);
-        first.max(0) as usize..end.clamp(0, self.len as i64 + 1) as usize
+    pub(super) fn number(&self, q: f64) -> i32 {
+        (floor(q) - self.base).clamp(-1, self.len as i64) as i32
+    }
+
+    /// Whether q is so near to a ray that it counts on both sides.
+    #[inline]
+    pub(super) fn is_near_ray(&self, q: f64) -> bool {
+        let (fraction, near) = (q - floor(q) as f64, NEAR_RAY * self.scale);
+        fraction <= near || fraction >= 1.0 - near
+    }
+
+    /// q of a ray numbered from the base.
+    #[inline]
+    fn ray(&self, k: i32) -> f64 {
+        (self.base + i64::from(k)) as f64
     }
 }
 
@@ -143,28 +149,21 @@ impl Horizon {
     }
 
     /// Raises the bounds by a column: its posts and the edges between them.
-    pub(super) fn push_column(&mut self, frame: &Frame, column: &Column, margin: f64) {
+    pub(super) fn push_column(&mut self, column: &Column, margin: f64) {
         self.chain.fill(f64::NEG_INFINITY);
         self.least.fill(f64::INFINITY);
         let sectors = self.sectors;
         let per_q = column.x / sectors.scale;
-        let mut before = (f64::NAN, f64::NAN);
-        for (b, &s) in (column.b..).zip(&column.s) {
-            let q = sectors.q(frame, column, b);
-            self.push_post(q, s, margin);
-            // Rounded q are the same for both edges of a post, so no ray falls between two edges.
-            if b > column.b {
-                let (from, height) = before;
-                let slope = (s - height) * per_q;
-                let rays = sectors.rays(from, q);
-                let first = (sectors.base + rays.start as i64) as f64 - from;
-                if let Some(chain) = self.chain.get_mut(rays) {
-                    for (n, crossing) in chain.iter_mut().enumerate() {
-                        *crossing = height + (first + n as f64) * slope;
-                    }
-                }
+        for pair in column.posts.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            // Numbers are the same for both edges of a post, so no ray falls between two edges.
+            let slope = (to.s - from.s) * per_q;
+            for k in from.k + 1..=to.k {
+                self.chain[k as usize] = from.s + (sectors.ray(k) - from.q) * slope;
             }
-            before = (q, s);
+        }
+        for &post in &column.posts {
+            self.push_post(post, margin);
         }
         let low = self.lower.iter_mut().zip(&self.least).zip(self.chain.iter().zip(&self.chain[1..]));
         for ((lower, &least), (&left, &right)) in low {
@@ -180,61 +179,77 @@ impl Horizon {
     }
 
     #[inline]
-    fn push_post(&mut self, q: f64, s: f64, margin: f64) {
-        let whole = floor(q);
-        let (fraction, near) = (q - whole as f64, NEAR_RAY * self.sectors.scale);
-        let single = fraction > near && fraction < 1.0 - near;
-        let sectors = if single { self.sectors.held(whole, whole + 1) } else { self.sectors.around(q) };
-        for k in sectors {
+    fn push_post(&mut self, Shot { s, q, k }: Shot, margin: f64) {
+        let least = if s.is_nan() { f64::NEG_INFINITY } else { s };
+        let mut push = |k: usize| {
             self.posts[k] = greater(s + margin, self.posts[k]);
-            let least = if s.is_nan() { f64::NEG_INFINITY } else { s };
             self.least[k] = if least < self.least[k] { least } else { self.least[k] };
+        };
+        if self.sectors.is_near_ray(q) {
+            self.sectors.around(q).for_each(push);
+        } else if k >= 0 && (k as usize) < self.sectors.len {
+            push(k as usize);
+        }
+    }
+
+    /// Where an edge has a void end, some paths of the sectors that it spans may be over unknown ground.
+    fn mark_gap(&mut self, u: Shot, v: Shot) {
+        if u.s.is_nan() || v.s.is_nan() {
+            for k in self.sectors.around(u.q.min(v.q)).start..self.sectors.around(u.q.max(v.q)).end {
+                self.gaps[k] = self.gaps[k].max(Gap::Some);
+            }
         }
     }
 
     /// Raises the upper bound by the edges between two columns that follow each other.
-    pub(super) fn push_strip(&mut self, frame: &Frame, before: &Column, column: &Column, margin: f64) {
-        for_edges(before, column, |b, c| {
-            let (from, to) = (self.sectors.q(frame, before, b), self.sectors.q(frame, column, c));
-            let (s, t) = (before.at(b), column.at(c));
-            self.push_edge(if from < to { [(from, s), (to, t)] } else { [(to, t), (from, s)] }, margin);
-        });
+    pub(super) fn push_strip(&mut self, before: &Column, column: &Column, margin: f64) {
+        let Some((first, near, far)) = strip(before, column) else { return };
+        // A cell's diagonal joins its posts of even sum.
+        let mut rises = (before.a + first) & 1 == 0;
+        for (near, far) in near.windows(2).zip(far.windows(2)) {
+            self.push_edge(near[0], far[0], margin);
+            if rises {
+                self.push_edge(near[0], far[1], margin)
+            } else {
+                self.push_edge(near[1], far[0], margin)
+            }
+            rises = !rises;
+        }
+        if let (Some(&near), Some(&far)) = (near.last(), far.last()) {
+            self.push_edge(near, far, margin);
+        }
     }
 
     #[inline]
-    fn push_edge(&mut self, [(from, s), (to, t)]: [(f64, f64); 2], margin: f64) {
-        let rays = self.sectors.rays(from, to);
-        if rays.is_empty() || to - from < RADIAL * self.sectors.scale {
+    fn push_edge(&mut self, u: Shot, v: Shot, margin: f64) {
+        if u.k == v.k {
             return;
         }
-        let slope = (t - s) / (to - from);
-        let first = (self.sectors.base + rays.start as i64) as f64 - from;
-        for (n, ray) in self.rays[rays].iter_mut().enumerate() {
+        let (from, to) = if u.k < v.k { (u, v) } else { (v, u) };
+        let span = to.q - from.q;
+        if span < RADIAL * self.sectors.scale {
+            return;
+        }
+        let slope = (to.s - from.s) / span;
+        for k in from.k + 1..=to.k {
+            let ray = &mut self.rays[k as usize];
             // A void end makes this NaN, which raises nothing.
-            *ray = greater(s + (first + n as f64) * slope + margin, *ray);
+            *ray = greater(from.s + (self.sectors.ray(k) - from.q) * slope + margin, *ray);
         }
     }
 
     /// Notes which sectors the void posts of the last two columns touch, and which the last crosses void altogether.
     pub(super) fn mark_gaps(&mut self, frame: &Frame, before: &Column, column: &Column) {
-        let q_before = |b| self.sectors.q(frame, before, b);
-        let q = |b| self.sectors.q(frame, column, b);
-        let mut touched = Vec::new();
-        for_edges(before, column, |b, c| {
-            if before.at(b).is_nan() || column.at(c).is_nan() {
-                touched.push([q_before(b), q(c)]);
-            }
-        });
-        for b in column.b..column.end() - 1 {
-            if column.at(b).is_nan() || column.at(b + 1).is_nan() {
-                touched.push([q(b), q(b + 1)]);
+        if let Some((_, near, far)) = strip(before, column) {
+            // All edges between the columns, and diagonals that are none: a little more than there is.
+            for (near, far) in near.windows(2).zip(far.windows(2)) {
+                for (u, v) in [(near[0], far[0]), (near[0], far[1]), (near[1], far[0]), (near[1], far[1])] {
+                    self.mark_gap(u, v);
+                }
             }
         }
-        for [from, to] in touched {
-            let (low, high) = if from < to { (from, to) } else { (to, from) };
-            for k in self.sectors.around(low).start..self.sectors.around(high).end {
-                self.gaps[k] = self.gaps[k].max(Gap::Some);
-            }
+        for pair in column.posts.windows(2) {
+            self.mark_gap(pair[0], pair[1]);
         }
         for k in 0..self.sectors.len {
             let ray = self.sectors.base + k as i64;
@@ -249,21 +264,15 @@ impl Horizon {
     }
 }
 
+/// The part of two columns that is in both: its first index across, and the posts of each.
+fn strip<'a>(before: &'a Column, column: &'a Column) -> Option<(i64, &'a [Shot], &'a [Shot])> {
+    let (first, end) = (before.b.max(column.b), before.end().min(column.end()));
+    let part = |column: &'a Column| column.posts.get((first - column.b) as usize..(end - column.b) as usize);
+    if first < end { Some((first, part(before)?, part(column)?)) } else { None }
+}
+
 /// The greater of two numbers; the second where the first is NaN.
 #[inline]
 pub(super) fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
-}
-
-/// The edges between two columns, each as the index across of its post in the first and in the second.
-fn for_edges(before: &Column, column: &Column, mut edge: impl FnMut(i64, i64)) {
-    let first = before.b.max(column.b);
-    let end = before.end().min(column.end());
-    for b in first..end {
-        edge(b, b);
-        if b + 1 < end {
-            // A cell's diagonal joins its posts of even sum.
-            if (before.a + b) & 1 == 0 { edge(b, b + 1) } else { edge(b + 1, b) }
-        }
-    }
 }
