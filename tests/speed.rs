@@ -1,13 +1,13 @@
 //! Not guards but measurements: `cargo test --release --test speed -- --ignored --nocapture`.
 
-use std::{sync::Arc, time::Instant};
+use std::{ops::ControlFlow, sync::Arc, time::Instant};
 
 use glam::{DQuat, DVec3};
 use sightline::{
     database::{Database, OpenOptions},
-    los::{self, Verdict},
+    los::{self, Earth, Lines, Options, Region, Verdict, View, viewshed},
     roam::{Fidelity, MeshReport, RequiredLine, Target, ViewMesh},
-    terrain::{HeightField, SceneScale, synthetic},
+    terrain::{HeightField, PAGE_SIDE, SceneScale, synthetic},
     view::{Camera, Projection},
     wedgie::BoundsPyramid,
 };
@@ -112,6 +112,67 @@ fn frames_over_a_database() {
         let lines = ground_lines(&terrain, count, reach);
         for triangles in [1000, 3000, 10_000, 30_000] {
             fly(&terrain, triangles, &lines);
+        }
+    }
+}
+
+/// A viewshed of a million posts around `at` on one core, beside a query of its own for each cell; all are compared.
+fn look_around(field: &impl HeightField, at: [f64; 2], above: f64, target_height: f64) {
+    let Some(z) = los::on_ground(field, at[0], at[1], above).unwrap() else { return };
+    let around = |v: f64| [(v as u32).saturating_sub(500), v as u32 + 499];
+    let region = Region::Rectangle { i: around(at[0]), j: around(at[1]) };
+    let view = View { observer: [at[0], at[1], z], target_height, region, strict: false, earth: Earth::Flat };
+    let mut tiles = Vec::new();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let start = Instant::now();
+    let summary = pool.install(|| {
+        viewshed(field, None, &view, |tile, _| {
+            tiles.push(tile);
+            ControlFlow::Continue(())
+        })
+    });
+    let (summary, swept) = (summary.unwrap(), start.elapsed());
+    let mut lines = Lines::new(field, None);
+    let mut wrong = 0;
+    let start = Instant::now();
+    for tile in &tiles {
+        for (n, verdict) in (0..).zip(&tile.cells) {
+            let Some(verdict) = verdict else { continue };
+            let [x, y] =
+                [tile.page.pi * PAGE_SIDE + n % PAGE_SIDE, tile.page.pj * PAGE_SIDE + n / PAGE_SIDE].map(f64::from);
+            let own = match los::on_ground(field, x, y, target_height).unwrap() {
+                Some(z) => lines.ask(view.observer, [x, y, z], Options::default()).unwrap().verdict,
+                None => Verdict::Unknown,
+            };
+            wrong += u32::from(own != *verdict);
+        }
+    }
+    let cells = (summary.visible + summary.blocked + summary.unknown) as f64;
+    println!(
+        "{cells} cells from {at:?}: {:.1} ns a cell, {:.2} % asked, {:.1} % visible; queries of their own {:.0} ns; {wrong} wrong",
+        swept.as_nanos() as f64 / cells,
+        100.0 * summary.asked as f64 / cells,
+        100.0 * summary.visible as f64 / cells,
+        start.elapsed().as_nanos() as f64 / cells,
+    );
+    assert_eq!(wrong, 0);
+}
+
+#[test]
+#[ignore = "needs half a minute, or a database named by SIGHTLINE_DATABASE; prints times of viewsheds"]
+fn viewsheds_of_a_million_posts() {
+    let heights = [(2.0, 2.0), (2.0, 0.0), (300.0, 0.0)];
+    if let Some(path) = std::env::var_os("SIGHTLINE_DATABASE") {
+        let terrain = Database::open(path.as_ref(), OpenOptions::default()).unwrap();
+        let grid = HeightField::grid(&terrain);
+        for (n, (above, target)) in (0..).zip(heights.repeat(2)) {
+            let at = |posts: u32, k: u64| 500.0 + f64::from(posts - 1000) * unit(2 * n + k);
+            look_around(&terrain, [at(grid.nx(), 0), at(grid.ny(), 1)], above, target);
+        }
+    } else {
+        let terrain = synthetic::fractal(1001, 1001, 1, 1000).unwrap();
+        for (above, target) in heights {
+            look_around(&terrain, [500.3, 500.7], above, target);
         }
     }
 }

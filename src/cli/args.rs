@@ -52,6 +52,22 @@ pub struct Positions {
     altitude: AltitudeName,
 }
 
+/// How plan positions are meant.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub struct Plan {
+    /// The frame of positions: posts and height units; the elevation model's own reference system and metres; or
+    /// longitude, latitude and metres.
+    #[arg(long, value_enum, default_value_t = Coords::Map)]
+    coords: Coords,
+}
+
+impl Plan {
+    /// The frame.
+    pub fn frame(self) -> Frame {
+        self.coords.frame()
+    }
+}
+
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
 enum Coords {
     Grid,
@@ -65,14 +81,20 @@ enum AltitudeName {
     Agl,
 }
 
+impl Coords {
+    fn frame(self) -> Frame {
+        match self {
+            Self::Grid => Frame::Grid,
+            Self::Map => Frame::Map,
+            Self::Geographic => Frame::Geographic,
+        }
+    }
+}
+
 impl Positions {
     /// The frame.
     pub fn frame(self) -> Frame {
-        match self.coords {
-            Coords::Grid => Frame::Grid,
-            Coords::Map => Frame::Map,
-            Coords::Geographic => Frame::Geographic,
-        }
+        self.coords.frame()
     }
 
     /// What the third number means.
@@ -98,13 +120,21 @@ pub struct EarthShape {
     refraction: f64,
 }
 
+/// The shape of the Earth by name.
 #[derive(clap::ValueEnum, Clone, Copy, PartialEq, Debug)]
-enum EarthName {
+pub enum EarthName {
+    /// Lines are straight.
     Flat,
+    /// Lines are lowered by the bulge of a sphere.
     Sphere,
 }
 
 impl EarthShape {
+    /// A shape with the Earth's mean radius.
+    pub fn of(earth: EarthName, refraction: f64) -> Self {
+        Self { earth, radius: EARTH_RADIUS_M, refraction }
+    }
+
     /// Whether lines are straight.
     pub fn is_flat(self) -> bool {
         self.earth == EarthName::Flat

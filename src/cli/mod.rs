@@ -13,16 +13,22 @@ mod consistency;
 mod demo;
 mod fly;
 mod generator;
+mod height;
 mod info;
 mod ingest;
 mod los;
+mod matrix;
 mod mesh;
+mod output;
 mod pictures;
 mod plot;
+mod profile;
 mod progress;
 mod serve;
+mod table;
 mod verify;
 mod view;
+mod viewshed;
 
 use std::{ffi::OsString, fmt::Display, process::ExitCode};
 
@@ -63,6 +69,10 @@ enum Verb {
     Verify(verify::Args),
     Los(los::Args),
     Fly(fly::Args),
+    Profile(profile::Args),
+    Viewshed(viewshed::Args),
+    Height(height::Args),
+    Matrix(matrix::Args),
     Serve(serve::Args),
     View(view::Args),
     Consistency(consistency::Args),
@@ -137,6 +147,10 @@ impl Verb {
             Self::Verify(args) => args.run(context),
             Self::Los(args) => args.run(context),
             Self::Fly(args) => args.run(context),
+            Self::Profile(args) => args.run(context),
+            Self::Viewshed(args) => args.run(context),
+            Self::Height(args) => args.run(context),
+            Self::Matrix(args) => args.run(context),
             Self::Serve(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),

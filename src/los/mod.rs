@@ -24,6 +24,7 @@ mod earth;
 mod earth_tests;
 mod ground;
 mod horizon;
+mod matrix;
 pub mod naive;
 mod precision;
 mod profile;
@@ -44,12 +45,13 @@ pub use derived::{
 pub use earth::{Curvature, Earth};
 pub use ground::{GroundPoint, ground, ground_batch};
 pub use horizon::{Horizon, HorizonCrest, horizon};
+pub use matrix::{Matrix, matrix};
 pub use precision::{NotAPrecision, Precision};
 pub use profile::{Break, profile};
 pub use pyramid::Pyramid;
 pub use ray::{Ray, RayEnd, RayHit, ray, ray_end};
 pub use surface::{Face, on_ground, surface_height};
-pub use viewshed::{Progress, Region, Summary, Tile, View, ViewshedError, viewshed};
+pub use viewshed::{Progress, Region, Summary, Tile, View, ViewshedError, viewshed, viewshed_extent};
 
 use rayon::prelude::*;
 use sightline_proto::{

@@ -8,7 +8,7 @@ use super::sightline;
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
-const VERBS: [(&str, &str, &str); 10] = [
+const VERBS: [(&str, &str, &str); 14] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
@@ -17,6 +17,14 @@ const VERBS: [(&str, &str, &str); 10] = [
         "<TARGET>",
         "--from --to --batch -o --coords --altitude --precision --strict --derive --earth --radius --refraction --force",
     ),
+    ("profile", "<DB>", "-o --from --to --coords --altitude --force"),
+    (
+        "viewshed",
+        "<DB>",
+        "-o --from --radius --target-height --coords --altitude --strict --earth --refraction --force",
+    ),
+    ("height", "<DB>", "--at --batch -o --coords --force"),
+    ("matrix", "<DB>", "--points -o --coords --altitude --strict --earth --radius --refraction --force"),
     (
         "mesh",
         "<DB>",

@@ -9,7 +9,7 @@ use super::{sightline, status, text};
 
 /// A database of 9 x 5 posts, 10 m apart from (100, 200): flat but for a ridge 4 m high along x = 140, with a void post
 /// in the north-east corner.
-fn ridge(folder: &Path) -> PathBuf {
+pub(super) fn ridge(folder: &Path) -> PathBuf {
     let mut grid = "ncols 9\nnrows 5\nxllcenter 100\nyllcenter 200\ncellsize 10\nNODATA_value -9999\n".to_owned();
     for row in 0..5 {
         for column in 0..9 {

@@ -4,6 +4,7 @@ mod contract;
 mod database;
 mod fly;
 mod los;
+mod maps;
 mod mesh;
 mod pipe;
 mod serve;

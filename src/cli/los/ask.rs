@@ -291,7 +291,7 @@ fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
     }
 }
 
-fn place_failure(error: PlaceError) -> Failure {
+pub(in crate::cli) fn place_failure(error: PlaceError) -> Failure {
     match error {
         PlaceError::NoGeoreference | PlaceError::NotGeographic => Failure::Usage(error.to_string()),
         PlaceError::Ground(LosError::Read(ReadError::Io { .. })) => Failure::Environment(error.to_string()),

@@ -162,7 +162,7 @@ pub(in crate::cli) fn parse(text: &str) -> Result<Table, String> {
 }
 
 /// The fields of a line of CSV: separated by commas outside double quotes, quotes taken off.
-fn fields(line: &str) -> Vec<String> {
+pub(in crate::cli) fn fields(line: &str) -> Vec<String> {
     let mut fields = vec![String::new()];
     let mut quoted = false;
     for c in line.chars() {

@@ -1,6 +1,6 @@
 //! `sightline los`: exact lines of sight, one or a file of them, on a database or by a server.
 
-mod ask;
+pub(super) mod ask;
 pub(super) mod batch;
 mod more;
 

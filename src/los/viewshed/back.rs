@@ -41,13 +41,13 @@ impl<H: HeightField + ?Sized> Fan<'_, H> {
             let at = place(column);
             let cell = floor(at);
             let (s, t) = (column.at(whole + cell), column.at(whole + cell + 1));
-            let mut error = margin + error_of(column);
+            let mut error = margin + super::push::margin(&self.frame, column, column);
             if !clears(target, error, s + (at - cell as f64) * (t - s))? {
                 return Some(Verdict::Blocked);
             }
             if n > 0 {
                 let before = self.column(n - 1);
-                error += error_of(before);
+                error += super::push::margin(&self.frame, before, before);
                 let count = strip(before, column, whole, [place(before), at], &mut crossings)?;
                 for &crossing in &crossings[..count] {
                     if !clears(target, error, crossing)? {
@@ -61,10 +61,6 @@ impl<H: HeightField + ?Sized> Fan<'_, H> {
         }
         None
     }
-}
-
-fn error_of(column: &Column) -> f64 {
-    column.most / (1 << 23) as f64
 }
 
 /// Whether the target is above a crossing; `None` in doubt, and when that is NaN.

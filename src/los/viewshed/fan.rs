@@ -26,6 +26,9 @@ const SLOTS: usize = BACK + 2;
 const SECTORS_PER_POST: f64 = 1.0;
 /// Cells nearer than this, in posts, are asked.
 const ASKED_NEAR: f64 = 3.0;
+/// A column nearer than this, in posts, has no part in lower bounds. Posts of farther ones have slopes below 2^6, which
+/// makes the error of q 2^-45 scale; edges span at least scale, so shares are off by less than 2^-43.
+const NEAREST: f64 = 1.0 / 16.0;
 /// A quadrant of fewer sectors is one fan, otherwise two.
 const LEAST_FAN: i64 = 128;
 
@@ -100,10 +103,27 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
                     uppers: vec![Vec::new(); SLOTS],
                 };
                 near::push(&mut fan.horizon, &frame, a, &mut fan.reader)?;
+                fan.push_nearest()?;
                 fan.horizon.upper(&mut fan.uppers[0]);
                 Ok(fan)
             })
             .collect()
+    }
+
+    /// The column before the first, if it is ahead of A at all: what it hides, it hides from all cells.
+    fn push_nearest(&mut self) -> Result<(), ReadError> {
+        let a = self.frame.before(self.a);
+        let grid = self.asker.field.grid();
+        let last = i64::from(if self.frame.axis == 0 { grid.nx() } else { grid.ny() }) - 1;
+        if self.frame.x(a) < NEAREST || a < 0 || a > last {
+            return Ok(());
+        }
+        let mut column = Column::default();
+        let (low, high) = self.posts_of(a);
+        self.reader.read(&self.horizon.sectors, a, low, high, &mut column)?;
+        let margin = margin(&self.frame, &Column::default(), &column);
+        self.horizon.push_column(&column, margin);
+        Ok(())
     }
 
     pub(super) fn is_done(&self) -> bool {

@@ -36,7 +36,7 @@ use self::{
     region::{Cells, REACH_LIMIT},
 };
 use super::{Earth, Lines, LosError, Options, Pyramid, Verdict, check_finite, on_ground, surface::two_sum};
-use crate::terrain::{HeightField, PAGE_POSTS, PAGE_SIDE, PageId, Posts, SceneScale};
+use crate::terrain::{Grid, HeightField, PAGE_POSTS, PAGE_SIDE, PageId, Posts, SceneScale};
 
 /// Which posts to look at; those outside the grid are left out.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -184,6 +184,20 @@ where
     delivery.complete()?;
     debug_assert!(delivery.open.is_empty() && delivery.done() == cells.total());
     Ok(delivery.summary)
+}
+
+/// The least and the greatest column and row with a cell: `[[west, south], [east, north]]`, and the number of cells.
+pub fn viewshed_extent(grid: Grid, view: &View) -> Result<([[u32; 2]; 2], u64), ViewshedError> {
+    let cells = Cells::new(grid, [view.observer[0], view.observer[1]], view.region)?;
+    let ends = |axis: usize| {
+        let [low, high] = cells.extent(axis);
+        let has = |&at: &i64| cells.along(axis, at).is_some();
+        // There is at least one cell.
+        let first = (low..=high).find(has).unwrap_or(low);
+        [first as u32, (low..=high).rev().find(has).unwrap_or(first) as u32]
+    };
+    let ([west, east], [south, north]) = (ends(0), ends(1));
+    Ok(([[west, south], [east, north]], cells.total()))
 }
 
 /// Cells that were decided together, and how many of them were asked.

@@ -108,6 +108,15 @@ proptest! {
 }
 
 #[test]
+fn a_bulge_between_crossings_counts_where_a_path_is_followed_back() {
+    let field = terrain(16_187_827_663_538_201_231, 34, 31, 0);
+    let (x, y) = (32.791225405147564, 29.206893038161866);
+    let z = on_ground(&field, x, y, 0.0).unwrap().unwrap();
+    let earth = Earth::curved(0.02, 0.01).unwrap();
+    check(&field, &View { observer: [x, y, z], target_height: 1.0, region: everything(), strict: false, earth });
+}
+
+#[test]
 fn a_fractal_is_right_in_every_cell_and_few_are_asked() {
     let field = synthetic::fractal(257, 257, 5, 400).unwrap();
     for (x, y, above, target_height) in [(128.0, 128.0, 2.0, 2.0), (40.25, 100.7, 30.0, 0.0), (256.0, 3.0, 2.0, 2.0)] {
@@ -168,6 +177,8 @@ fn a_radius_holds_the_posts_within_it() {
         let (east, north) = ((f64::from(i) - 30.0) * 10.0, (f64::from(j) - 40.0) * 25.0);
         east * east + north * north <= 250.0 * 250.0
     };
+    let extent = viewshed_extent(field.grid(), &view).unwrap();
+    assert_eq!(extent, ([[5, 30], [55, 50]], cells.len() as u64));
     let expected: Vec<_> = (0..80).flat_map(|j| (0..90).map(move |i| [i, j])).filter(|&[i, j]| within(i, j)).collect();
     assert_eq!(cells.iter().map(|c| c.0).collect::<Vec<_>>(), expected);
     assert_eq!(summary.blocked + summary.unknown, 0, "from so high all is seen");

@@ -78,11 +78,14 @@ pub(super) fn print_caption(picture: &mut Picture, lines: &[String]) {
         }
     }
     for (row, line) in (0..rows).zip(lines) {
-        for (column, c) in (0_u32..).zip(line.chars().take(MAX_CAPTION)) {
-            let x = 2 * margin + column * ADVANCE * scale;
-            let y = 2 * margin + row * LINE * scale;
-            print_glyph(picture, glyph(c), x, y, scale);
-        }
+        print_line(picture, line, [2 * margin, 2 * margin + row * LINE * scale], scale, [240, 244, 248]);
+    }
+}
+
+/// Prints one line of text with its upper left corner at (x, y).
+pub(super) fn print_line(picture: &mut Picture, text: &str, [x, y]: [u32; 2], scale: u32, colour: [u8; 3]) {
+    for (column, c) in (0_u32..).zip(text.chars().take(MAX_CAPTION)) {
+        print_glyph(picture, glyph(c), [x + column * ADVANCE * scale, y], scale, colour);
     }
 }
 
@@ -91,12 +94,12 @@ pub(super) fn glyph(c: char) -> [u8; 7] {
     GLYPHS.iter().find(|(name, _)| *name == c).map_or(UNKNOWN, |&(_, rows)| rows)
 }
 
-fn print_glyph(picture: &mut Picture, rows: [u8; 7], x: u32, y: u32, scale: u32) {
+fn print_glyph(picture: &mut Picture, rows: [u8; 7], [x, y]: [u32; 2], scale: u32, colour: [u8; 3]) {
     for (dy, row) in (0_u32..).zip(rows) {
         for dx in (0..5).filter(|dx| row >> (4 - dx) & 1 == 1) {
             for sy in 0..scale {
                 for sx in 0..scale {
-                    picture.blend(x + dx * scale + sx, y + dy * scale + sy, [240, 244, 248], 255);
+                    picture.blend(x + dx * scale + sx, y + dy * scale + sy, colour, 255);
                 }
             }
         }

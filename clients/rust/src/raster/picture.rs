@@ -26,6 +26,22 @@ pub struct EncodeError {
 }
 
 impl Picture {
+    /// A picture of one colour.
+    pub fn blank(width_px: u32, height_px: u32, colour: [u8; 3]) -> Self {
+        Self { width_px, height_px, rgb: colour.repeat(width_px as usize * height_px as usize) }
+    }
+
+    /// Writes one line of text in dots of `size_px`, 5 by 7 a character and one between, its upper left corner at
+    /// (x, y).
+    pub fn write(&mut self, text: &str, [x, y]: [u32; 2], size_px: u32, colour: [u8; 3]) {
+        super::font::print_line(self, text, [x, y], size_px, colour);
+    }
+
+    /// Writes lines of text in the upper left corner on a dark panel.
+    pub fn caption(&mut self, lines: &[String]) {
+        super::font::print_caption(self, lines);
+    }
+
     /// The picture as a PNG file, the same bytes every time.
     pub fn png(&self) -> Result<Vec<u8>, EncodeError> {
         let error = |source| EncodeError { width_px: self.width_px, height_px: self.height_px, source };
@@ -50,7 +66,7 @@ impl Picture {
     }
 
     /// Mixes a colour over a pixel, `opacity` of 255; nothing beyond the picture.
-    pub(super) fn blend(&mut self, x: u32, y: u32, colour: [u8; 3], opacity: u32) {
+    pub fn blend(&mut self, x: u32, y: u32, colour: [u8; 3], opacity: u32) {
         if x >= self.width_px || y >= self.height_px {
             return;
         }

@@ -1,0 +1,229 @@
+//! `sightline profile`: the ground under a line of sight, break by break, as a table or a plot.
+
+mod canvas;
+mod plot;
+
+use std::{fmt::Write, path::PathBuf};
+
+use serde_json::json;
+
+use super::{
+    Context, Failure,
+    args::{Point, Positions},
+    info,
+    los::ask::place_failure,
+    output::Output,
+};
+use crate::{
+    database::Database,
+    exercise::{Place, Site},
+    los::{self, Derived, Earth, GroundState, LineState, Lines, LosError, Options, Stretch, Verdict},
+};
+
+/// Most breaks of a profile: a line across some 300,000 posts.
+const MAX_BREAKS: usize = 1_000_000;
+/// The columns of a table: the part of the line, metres from its beginning in plan, map (or grid) coordinates, metres
+/// above the vertical datum, whether the line is there above or below the ground, and whether the ground is seen.
+const COLUMNS: &str = "t,range_m,x,y,ground,line,clearance,state,ground_state";
+
+/// Write the terrain's profile under a line of sight: all breaks of the ground, exactly, as a table or a plot.
+///
+/// A plot shows the ground, which parts of it are seen and hidden from the first end, the line of sight above and below
+/// ground, and where it is first obstructed.
+///
+/// Example: sightline profile area.sightline --from -118.30,36.50,2 --to -118.29,36.58,2 --altitude agl -o p.svg
+#[derive(clap::Args, Debug)]
+pub(super) struct Args {
+    /// The database.
+    #[arg(value_name = "DB")]
+    database: PathBuf,
+    /// Where the profile goes: .csv, .json, .png or .svg. - is standard output, as CSV.
+    #[arg(short, value_name = "F.csv|json|png|svg")]
+    output: PathBuf,
+    /// The observer's end.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    from: Point,
+    /// The target's end.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    to: Point,
+    #[command(flatten)]
+    positions: Positions,
+    /// Replace the output if it exists.
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Format {
+    Csv,
+    Json,
+    Png,
+    Svg,
+}
+
+/// A break of the ground, in metres.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    t: f64,
+    range_m: f64,
+    at: [f64; 2],
+    ground_m: Option<f64>,
+    line_m: f64,
+    known_after: bool,
+}
+
+/// A line of sight and the ground under it, in metres.
+struct Profile {
+    ends: [[f64; 3]; 2],
+    verdict: Verdict,
+    range_m: f64,
+    heights_m: [f64; 2],
+    rows: Vec<Row>,
+    line: Vec<Stretch<LineState>>,
+    ground: Vec<Stretch<GroundState>>,
+    derived: Derived,
+}
+
+impl Args {
+    pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
+        let output = Output::new(context, &self.output, self.force)?;
+        let format = match output.extension().as_deref() {
+            Some("csv") => Format::Csv,
+            Some("json") => Format::Json,
+            Some("png") => Format::Png,
+            Some("svg") => Format::Svg,
+            None if output.is_standard() => Format::Csv,
+            _ => {
+                return Err(Failure::Usage(format!("-o {}: name it .csv, .json, .png or .svg", self.output.display())));
+            }
+        };
+        let database = info::open(&self.database)?;
+        let profile = self.profile(&database)?;
+        match format {
+            Format::Csv => output.text(&profile.csv())?,
+            Format::Json => output.text(&format!("{:#}\n", profile.document(true)))?,
+            Format::Svg => output.text(&plot::draw(&profile).svg())?,
+            Format::Png => {
+                let png = plot::draw(&profile).picture().png();
+                output.bytes(&png.map_err(|error| Failure::environment(self.output.display(), error))?)?;
+            }
+        }
+        if context.json {
+            outln!("{:#}", profile.document(false));
+        } else if !context.quiet {
+            let (verdict, range, breaks) = (profile.verdict.name(), profile.range_m, profile.rows.len());
+            errln!("{verdict}; {breaks} breaks of the ground in {range:.1} m");
+        }
+        Ok(())
+    }
+
+    fn profile(&self, database: &Database) -> Result<Profile, Failure> {
+        let site = Site { scale: database.scale(), georeference: database.georeference() };
+        let mut ends = [[0.0; 3]; 2];
+        for (end, (name, point)) in ends.iter_mut().zip([("--from", self.from), ("--to", self.to)]) {
+            let place = Place { position: point.0, frame: self.positions.frame(), altitude: self.positions.altitude() };
+            *end = site.grid_from_place(database, &place, 0.0).map_err(place_failure)?.ok_or_else(|| {
+                Failure::Input(format!(
+                    "{name} is given above ground where no ground is known: try --altitude absolute"
+                ))
+            })?;
+        }
+        Profile::new(database, &site, ends).map_err(|error| place_failure(error.into()))
+    }
+}
+
+impl Profile {
+    fn new(database: &Database, site: &Site, ends: [[f64; 3]; 2]) -> Result<Self, LosError> {
+        let [a, b] = ends;
+        let scale = site.scale;
+        let (east, north) = ((b[0] - a[0]) * scale.east_m, (b[1] - a[1]) * scale.north_m);
+        let range_m = (east * east + north * north).sqrt();
+        let breaks = los::profile(database, [a[0], a[1]], [b[0], b[1]], MAX_BREAKS)?;
+        let rows = breaks.iter().map(|found| {
+            let [x, y] = found.point;
+            Row {
+                t: found.t,
+                range_m: found.t * range_m,
+                at: site.georeference.map_or([x, y], |place| place.map_from_grid(x, y)),
+                ground_m: found.ground.map(|z| z * scale.up_m),
+                line_m: (a[2] + found.t * (b[2] - a[2])) * scale.up_m,
+                known_after: found.known_after,
+            }
+        });
+        Ok(Self {
+            ends,
+            verdict: Lines::new(database, None).ask(a, b, Options::default())?.verdict,
+            range_m,
+            heights_m: [a[2] * scale.up_m, b[2] * scale.up_m],
+            rows: rows.collect(),
+            line: los::line_stretches(database, a, b, Earth::Flat)?,
+            ground: los::ground_stretches(database, a, [b[0], b[1]])?,
+            derived: los::derive(database, a, b, Options::default())?,
+        })
+    }
+
+    /// Where the line is first below ground, as a part of it.
+    fn obstruction(&self) -> Option<f64> {
+        self.derived.first_from_a.map(|first| first.place.t)
+    }
+
+    fn csv(&self) -> String {
+        let mut out = format!("{COLUMNS}\n");
+        for row in &self.rows {
+            let Row { t, range_m, at: [x, y], ground_m, line_m, .. } = row;
+            let ground = ground_m.map_or(String::new(), |z| z.to_string());
+            let clearance = ground_m.map_or(String::new(), |z| (line_m - z).to_string());
+            let (line, seen) = (line_name(self.line_at(*t)), ground_name(state_at(&self.ground, *t)));
+            // Writing to a String cannot fail.
+            let _ = writeln!(out, "{t},{range_m},{x},{y},{ground},{line_m},{clearance},{line},{seen}");
+        }
+        out
+    }
+
+    /// How the line stands to the ground at a break: at a boundary of stretches it is on the ground, not below it.
+    fn line_at(&self, t: f64) -> Option<LineState> {
+        let at = || self.line.iter().filter(|s| s.from <= t && t <= s.to).map(|s| s.state);
+        at().find(|&state| state == LineState::Above).or_else(|| at().next())
+    }
+
+    fn document(&self, whole: bool) -> serde_json::Value {
+        let stretch = |from: f64, to: f64, state: &str| json!({ "from": from, "to": to, "state": state });
+        let line: Vec<_> = self.line.iter().map(|s| stretch(s.from, s.to, line_name(Some(s.state)))).collect();
+        let ground: Vec<_> = self.ground.iter().map(|s| stretch(s.from, s.to, ground_name(Some(s.state)))).collect();
+        let row = |row: &Row| {
+            json!({
+                "t": row.t, "range_m": row.range_m, "x": row.at[0], "y": row.at[1], "ground": row.ground_m,
+                "line": row.line_m, "clearance": row.ground_m.map(|z| row.line_m - z), "known_after": row.known_after,
+            })
+        };
+        let mut document = json!({
+            "verdict": self.verdict.name(), "a": self.ends[0], "b": self.ends[1], "range_m": self.range_m,
+            "obstructed_at": self.obstruction(), "line": line, "ground": ground, "breaks": self.rows.len(),
+        });
+        if whole {
+            document["breaks"] = self.rows.iter().map(row).collect();
+        }
+        document
+    }
+}
+
+/// The state at t; at a boundary that of the stretch that begins there, since ground that comes into view is seen.
+fn state_at<S: Copy>(stretches: &[Stretch<S>], t: f64) -> Option<S> {
+    stretches.iter().rfind(|s| s.from <= t && t <= s.to).map(|s| s.state)
+}
+
+fn line_name(state: Option<LineState>) -> &'static str {
+    match state {
+        Some(LineState::Above) => "ABOVE",
+        Some(LineState::Below) => "BELOW",
+        Some(LineState::Unknown) | None => "UNKNOWN",
+    }
+}
+
+fn ground_name(state: Option<GroundState>) -> &'static str {
+    match state {
+        Some(GroundState::Seen) => "SEEN",
+        Some(GroundState::Hidden) => "HIDDEN",
+        Some(GroundState::Unknown) | None => "UNKNOWN",
+    }
+}
