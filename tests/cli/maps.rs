@@ -38,7 +38,7 @@ fn a_viewshed_is_a_geotiff_in_the_right_place_and_a_picture() {
     // Columns 0 to 6 of rows 0 to 4 but two corners beyond the radius: seen up to the ridge, which hides what follows.
     let (cells, visible) = (summary["cells"].as_u64().unwrap(), summary["visible"].as_u64().unwrap());
     assert_eq!((cells, visible), (33, 25), "{summary}");
-    let mut raster = dem::open(&[tif.clone()], &dem::OpenOptions::default(), &mut |_| {}).unwrap();
+    let mut raster = dem::open(std::slice::from_ref(&tif), &dem::OpenOptions::default(), &mut |_| {}).unwrap();
     let info = raster.info();
     let place = info.georeference;
     assert_eq!((info.nx, info.ny, place.origin, place.step), (7, 5, [100.0, 200.0], [10.0, 10.0]));

@@ -173,7 +173,7 @@ impl Profile {
             let Row { t, range_m, at: [x, y], ground_m, line_m, .. } = row;
             let ground = ground_m.map_or(String::new(), |z| z.to_string());
             let clearance = ground_m.map_or(String::new(), |z| (line_m - z).to_string());
-            let (line, seen) = (line_name(self.line_at(*t)), ground_name(state_at(&self.ground, *t)));
+            let (line, seen) = (line_name(self.line_at(*t)), ground_name(ground_at(&self.ground, *t)));
             // Writing to a String cannot fail.
             let _ = writeln!(out, "{t},{range_m},{x},{y},{ground},{line_m},{clearance},{line},{seen}");
         }
@@ -207,9 +207,10 @@ impl Profile {
     }
 }
 
-/// The state at t; at a boundary that of the stretch that begins there, since ground that comes into view is seen.
-fn state_at<S: Copy>(stretches: &[Stretch<S>], t: f64) -> Option<S> {
-    stretches.iter().rfind(|s| s.from <= t && t <= s.to).map(|s| s.state)
+/// Whether the ground at t is seen; a boundary, such as a crest, is.
+fn ground_at(stretches: &[Stretch<GroundState>], t: f64) -> Option<GroundState> {
+    let at = || stretches.iter().filter(|s| s.from <= t && t <= s.to).map(|s| s.state);
+    [GroundState::Seen, GroundState::Hidden].into_iter().find(|&state| at().any(|s| s == state)).or_else(|| at().next())
 }
 
 fn line_name(state: Option<LineState>) -> &'static str {

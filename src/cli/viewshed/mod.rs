@@ -47,7 +47,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     from: Point,
     /// How far to look, in metres in plan.
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", allow_hyphen_values = true)]
     radius: f64,
     /// Height of targets above the ground, in metres.
     #[arg(long, value_name = "M", default_value_t = 0.0, allow_hyphen_values = true)]
