@@ -126,13 +126,13 @@ fn look_around(field: &impl HeightField, at: [f64; 2], above: f64, target_height
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let start = Instant::now();
     let summary = pool.install(|| {
-        viewshed(field, None, &view, |tile, _| {
+        viewshed(field, &view, |tile, _| {
             tiles.push(tile);
             ControlFlow::Continue(())
         })
     });
     let (summary, swept) = (summary.unwrap(), start.elapsed());
-    let mut lines = Lines::new(field, None);
+    let mut lines = Lines::new(field);
     let mut wrong = 0;
     let start = Instant::now();
     for tile in &tiles {

@@ -14,13 +14,11 @@ use super::{
 };
 use crate::{
     exercise::{Place, Site},
-    los::{Matrix, Options, Pyramid, Verdict, matrix},
+    los::{Matrix, Options, Verdict, matrix},
 };
 
 /// Most points: eight million pairs.
 const MAX_POINTS: usize = 4096;
-/// From so many pairs on, bounds of blocks are worth the time that it takes to build them.
-const PAIRS_FOR_PYRAMID: usize = 100_000;
 
 /// Ask which of a set of points see which, exactly: each pair once.
 ///
@@ -73,10 +71,8 @@ impl Args {
                 failure => failure,
             })?);
         }
-        let pyramid = (resolved.len() * resolved.len() / 2 > PAIRS_FOR_PYRAMID).then(|| Pyramid::build(&database));
-        let pyramid = pyramid.transpose().map_err(|error| Failure::Input(error.to_string()))?;
         let options = Options { strict: self.strict, earth: self.earth.earth(site.scale)?, ..Options::default() };
-        let found = matrix(&database, pyramid.as_ref(), &resolved, options);
+        let found = matrix(&database, &resolved, options);
         let found = found.map_err(|error| place_failure(error.into()))?;
         let count = |verdict| found.count(verdict);
         let summary = json!({

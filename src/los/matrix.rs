@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Lines, LosError, Options, Pyramid, Verdict};
+use super::{Lines, LosError, Options, Verdict};
 use crate::terrain::HeightField;
 
 /// The verdicts between points.
@@ -39,17 +39,12 @@ impl Matrix {
 
 /// The verdicts between all of `points`, over all cores. A point that is `None` has no ground to stand on: UNKNOWN to
 /// all. The first error in order of pairs wins.
-pub fn matrix<H>(
-    field: &H,
-    pyramid: Option<&Pyramid>,
-    points: &[Option<[f64; 3]>],
-    options: Options,
-) -> Result<Matrix, LosError>
+pub fn matrix<H>(field: &H, points: &[Option<[f64; 3]>], options: Options) -> Result<Matrix, LosError>
 where
     H: HeightField + ?Sized,
 {
     let row = |m: usize| {
-        let mut lines = Lines::new(field, pyramid);
+        let mut lines = Lines::new(field);
         let mut ask = |b: &Option<[f64; 3]>| match (points[m], *b) {
             (Some(a), Some(b)) => Ok(lines.ask(a, b, options)?.verdict),
             _ => Ok(Verdict::Unknown),
@@ -78,7 +73,7 @@ mod tests {
             })
             .collect();
         assert!(points.iter().any(Option::is_none) && points.iter().filter(|p| p.is_some()).count() > 5);
-        let matrix = matrix(&field, None, &points, Options::default()).unwrap();
+        let matrix = matrix(&field, &points, Options::default()).unwrap();
         assert_eq!((matrix.len(), matrix.is_empty()), (12, false));
         for (m, a) in points.iter().enumerate() {
             for (n, b) in points.iter().enumerate() {

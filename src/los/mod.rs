@@ -12,7 +12,8 @@
 //! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `derived`.
 //! What one observer sees of a whole region is told by [`viewshed()`], whose cells are these verdicts.
 //!
-//! A [`Pyramid`] of block bounds lets [`Lines`] pass over what is clear of them, and changes no answer.
+//! Greatest heights of blocks ([`crate::terrain::maxima`]) let a line pass over what lies below them (`skip`), and an
+//! inner loop takes what remains (`run`); neither changes an answer. [`Lines::plain`] does without both.
 //!
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
@@ -28,8 +29,8 @@ mod matrix;
 pub mod naive;
 mod precision;
 mod profile;
-mod pyramid;
 mod ray;
+mod run;
 mod skip;
 mod surface;
 mod sweep;
@@ -48,7 +49,6 @@ pub use horizon::{Horizon, HorizonCrest, horizon};
 pub use matrix::{Matrix, matrix};
 pub use precision::{NotAPrecision, Precision};
 pub use profile::{Break, profile};
-pub use pyramid::Pyramid;
 pub use ray::{Ray, RayEnd, RayHit, ray, ray_end};
 pub use surface::{Face, on_ground, surface_height};
 pub use viewshed::{Progress, Region, Summary, Tile, View, ViewshedError, viewshed, viewshed_extent};
@@ -167,21 +167,24 @@ pub fn line_of_sight<H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -
 where
     H: HeightField + ?Sized,
 {
-    Lines::new(field, None).ask(a, b, options)
+    Lines::new(field).ask(a, b, options)
 }
 
-/// [`line_of_sight`] with the rungs of `K`, whatever the precision; a kernel without an exact rung is wrong near ties.
+/// [`line_of_sight`] by the plain walk ([`Lines::plain`]) with the rungs of `K`, whatever the precision; a kernel without
+/// an exact rung is wrong near ties.
 pub fn line_of_sight_with<K, H>(field: &H, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError>
 where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    Lines::new(field, None).ask_with::<K>(a, b, options, Manner::default())
+    Lines::plain(field).ask_with::<K>(a, b, options, Manner { plain: true, ..Manner::default() })
 }
 
 /// How crossings and blocks are decided besides the kernel.
 #[derive(Clone, Copy, Default, Debug)]
 struct Manner {
+    /// Without skipping.
+    plain: bool,
     /// Crossings in f32.
     fast: bool,
     /// In height units.
@@ -191,16 +194,23 @@ struct Manner {
 /// Asks one line after the other of one field, with the pages of the last ones at hand.
 pub struct Lines<'a, H: HeightField + ?Sized> {
     walk: Walk<'a, H>,
-    pyramid: Option<&'a Pyramid>,
+    plain: bool,
 }
 
 impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
-    /// Lines of `field`, passing over what its `pyramid` settles. Answers are the same with and without.
-    pub fn new(field: &'a H, pyramid: Option<&'a Pyramid>) -> Self {
-        Self { walk: Walk::new(field, [0.0; 3], [0.0; 3]), pyramid }
+    /// Lines of `field`.
+    pub fn new(field: &'a H) -> Self {
+        Self { walk: Walk::new(field, [0.0; 3], [0.0; 3]), plain: false }
+    }
+
+    /// Lines of `field` by the plain walk, which looks at every crossing on the way. The same answers in more time:
+    /// to check the others with, and to compare.
+    pub fn plain(field: &'a H) -> Self {
+        Self { plain: true, ..Self::new(field) }
     }
 
     /// The line of sight from `a` to `b`.
+    #[inline]
     pub fn ask(&mut self, a: [f64; 3], b: [f64; 3], options: Options) -> Result<Answer, LosError> {
         if !options.earth.is_flat() {
             check_finite(a, ["ax", "ay", "az"])?;
@@ -212,7 +222,7 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
             }
             return derived::curved_answer(&mut self.walk, a, b, options);
         }
-        let manner = Manner::default();
+        let manner = Manner { plain: self.plain, ..Manner::default() };
         match options.precision {
             Precision::Exact => self.ask_with::<Exact>(a, b, options, manner),
             Precision::F64 => self.ask_with::<FilterOnly>(a, b, options, manner),
@@ -234,7 +244,7 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
         check_finite(a, ["ax", "ay", "az"])?;
         check_finite(b, ["bx", "by", "bz"])?;
         (self.walk.a, self.walk.b, self.walk.manner) = (a, b, manner);
-        let met = walk::walk::<K, H>(&mut self.walk, self.pyramid, options.strict)?;
+        let met = walk::walk::<K, H>(&mut self.walk, options.strict)?;
         let blocked = met.blocked || options.strict && met.contact;
         let verdict = match (blocked, met.unknown) {
             (true, _) => Verdict::Blocked,
@@ -247,24 +257,54 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
 }
 
 /// Lines of a batch that one core takes together.
-const BATCH_SHARE: usize = 64;
+const BATCH_SHARE: usize = 1024;
+/// Batches of fewer lines are asked in the order in which they came.
+const WORTH_SORTING: usize = 64;
 
 /// Many lines at once, over all cores, answers in the order of `lines`. The first error in that order wins.
-pub fn line_of_sight_batch<H>(
-    field: &H,
-    pyramid: Option<&Pyramid>,
-    lines: &[[[f64; 3]; 2]],
-    options: Options,
-) -> Result<Vec<Answer>, LosError>
+///
+/// They are asked in the order of their middles along a Z curve, so that lines that follow each other read the same
+/// pages. That order changes no answer.
+pub fn line_of_sight_batch<H>(field: &H, lines: &[[[f64; 3]; 2]], options: Options) -> Result<Vec<Answer>, LosError>
 where
     H: HeightField + ?Sized,
 {
-    let shares = lines.par_chunks(BATCH_SHARE).map(|share| {
-        let mut asked = Lines::new(field, pyramid);
-        share.iter().map(|&[a, b]| asked.ask(a, b, options)).collect::<Result<Vec<_>, _>>()
+    let mut order: Vec<(u64, u32)> = (0..).zip(lines).map(|(n, line)| (place_on_curve(line), n)).collect();
+    if lines.len() >= WORTH_SORTING {
+        order.par_sort_unstable();
+    }
+    let shares = order.par_chunks(BATCH_SHARE).map(|share| {
+        let mut asked = Lines::new(field);
+        let ask = |&(_, n): &(u64, u32)| {
+            let [a, b] = lines[n as usize];
+            (n, asked.ask(a, b, options))
+        };
+        share.iter().map(ask).collect::<Vec<_>>()
     });
-    let answers: Vec<_> = shares.collect();
-    Ok(answers.into_iter().collect::<Result<Vec<_>, _>>()?.concat())
+    let mut answers = vec![None; lines.len()];
+    for (n, answer) in shares.collect::<Vec<_>>().into_iter().flatten() {
+        answers[n as usize] = Some(answer);
+    }
+    answers.into_iter().flatten().collect()
+}
+
+/// Where the middle of a line lies on a Z curve over blocks of 8 x 8 posts, about.
+fn place_on_curve([a, b]: &[[f64; 3]; 2]) -> u64 {
+    // Every other bit of the result is one of these 27; casts of what is beyond the grid end up at its border.
+    let spread = |v: f64| {
+        let mut bits = u64::from((v / 16.0) as u32);
+        for (shift, mask) in [
+            (16, 0x0000_ffff_0000_ffff),
+            (8, 0x00ff_00ff_00ff_00ff),
+            (4, 0x0f0f_0f0f_0f0f_0f0f),
+            (2, 0x3333_3333_3333_3333),
+            (1, 0x5555_5555_5555_5555),
+        ] {
+            bits = (bits | bits << shift) & mask;
+        }
+        bits
+    };
+    spread(a[0] + b[0]) | spread(a[1] + b[1]) << 1
 }
 
 fn check_finite(values: [f64; 3], names: [&'static str; 3]) -> Result<(), LosError> {

@@ -15,8 +15,7 @@ pub enum Precision {
     #[default]
     Exact,
     /// From the hierarchy as soon as the answer cannot be wrong by more than so many height units: it is the exact one
-    /// wherever the terrain raised and lowered by as much has the same verdict. Not below 0; without a
-    /// [`super::Pyramid`] it is exact.
+    /// wherever the terrain raised and lowered by as much has the same verdict. Not below 0.
     Tolerance(f64),
 }
 

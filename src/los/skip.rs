@@ -1,45 +1,92 @@
-//! The traversal that skips: along AB from block to block of a [`Pyramid`], coarser after each block that lies below
-//! the line, finer at each that does not, and through the crossings of what remains.
+//! The traversal that skips: over stretches of AB that lie above the greatest heights around them, and first of all to
+//! a few places where it is likely to be blocked.
 //!
 //! **Why no answer changes.** AB is cut into stretches of its parameter t, and each crossing of each sweep belongs to
-//! one stretch, by its number. Of a stretch in a block all crossings lie within a cell of the block: the block was found
-//! with a place that is off by at most [`PLACE_ERROR`] and pushed on by [`NUDGE`], and the number of a crossing is off
-//! by no more ([`Course::new`] declines lines for which that does not hold; they are walked in full). So every crossing
-//! that lies in the grid has the posts of its face in the block or the ring around it. Where the block's bounds are
-//! finite these are all known, and where the greatest is less than a lower bound of AB's height over the stretch, AB is
-//! strictly above each: nothing blocked, unknown or touching is left out. A block wholly above the line is walked at
-//! once, and its first crossing in the grid ends the walk, so that too is decided by a crossing.
+//! one stretch, by its number. The crossings of a stretch lie within [`PLACE_ERROR`] of what its ends span
+//! ([`Course::new`] declines lines for which that does not hold; they are walked in full). So the posts of the faces on
+//! which they lie are among those from the floor of the least coordinate less that error to the ceiling of the greatest
+//! and that error, as far as those are in the grid. Where none of these is void and the greatest height among them is
+//! less than a lower bound of AB's height over the stretch, AB is strictly above each: nothing blocked, unknown or
+//! touching is left out. Where some are void, what is left out can only be unknown; so they are passed over in the same
+//! way once AB is known to be over unknown ground. The whole of AB at once needs no errors: its crossings lie between
+//! its ends, exactly.
 //!
-//! **With a tolerance** h a block is passed over when it is below the line once lowered by h, and blocks when it would
-//! stand above it once raised by h and AB crosses known ground there. Where the terrain lowered by h blocks, some
-//! crossing has ground more than h above the line; its block is not passed over, so the answer is BLOCKED, by that or
-//! another. Where the terrain raised by h does not block, no block can. Voids are never passed over. So the answer is
-//! the exact one where both have the same verdict.
+//! **Probes.** A line is blocked wherever that is proved, so the first crossings to be looked at lie at fractions 1/2,
+//! 1/4, 3/4, 1/8 and so on of AB. Nothing but a certain "below" is taken from them.
+//!
+//! **With a tolerance** h a stretch is passed over when it is above the ground once raised by h. Where the terrain
+//! lowered by h blocks, some crossing has ground more than h above the line; its stretch is not passed over, so the
+//! answer is BLOCKED. Where the terrain raised by h does not block, nothing is found below the ground. Voids are never
+//! passed over before one is found. So the answer is the exact one where both have the same verdict.
 
 use std::ops::Range;
 
-use sightline_proto::predicates::{Exact, FLUSHED, Kernel};
+use sightline_proto::predicates::{FLUSHED, Kernel};
 
 use super::{
-    pyramid::Pyramid,
+    run::{self, Stop},
     sweep::{ROUNDOFF, Span, Sweep},
-    walk::{Found, Met, Walk},
+    walk::{Met, Walk},
 };
-use crate::terrain::{HeightField, ReadError};
+use crate::terrain::{HeightField, PageId, ReadError};
 
 /// The most that a computed place on AB may be off, in cells.
 const PLACE_ERROR: f64 = 1.0 / 256.0;
-/// How far ahead the next block is looked for, in cells: more than the error, so that each block leads to another.
-const NUDGE: f64 = 1.0 / 64.0;
-/// AB is taken as constant in x, or y, when it moves less than this, in cells.
-const STILL: f64 = 1.0 / 64.0;
+/// Stretches of this many posts less one, along x and y, are not cut further.
+const LEAF: u32 = 8;
+/// Stretches that wait to be looked at. Each cut leaves one waiting, and halves the rest: enough for any grid, and when
+/// it is not, a stretch is walked whole.
+const WAITING: usize = 48;
+/// The most places looked at first.
+const MOST_PROBES: u64 = 24;
+
+/// Whether AB, both of whose ends are over the grid, is above all ground around it.
+#[inline]
+pub(super) fn is_clear<H>(walk: &mut Walk<'_, H>, met: &mut Met) -> Result<bool, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let (a, b) = (walk.a, walk.b);
+    let range = |from: f64, to: f64| {
+        let last = from.max(to);
+        // Casts round down here; the ceiling is one more unless the number is whole.
+        let floor = last as u32;
+        from.min(to) as u32..=floor + u32::from(f64::from(floor) < last)
+    };
+    let greatest = walk.posts.greatest(range(a[0], b[0]), range(a[1], b[1]))?;
+    let Some(greatest) = greatest.filter(|greatest| !greatest.void) else { return Ok(false) };
+    let most = f64::from(greatest.z) - a[2].min(b[2]);
+    let clear = most < walk.manner.tolerance;
+    met.tolerated |= clear && most >= 0.0;
+    Ok(clear || most < 0.0)
+}
+
+/// Whether AB is blocked at one of a few crossings of a sweep that is inside.
+#[inline]
+pub(super) fn is_blocked_at_probes<H>(walk: &mut Walk<'_, H>, sweep: &Sweep) -> Result<bool, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let count = sweep.count as u64;
+    let probes = (count / 3).min(MOST_PROBES);
+    for k in 1..=probes {
+        // k in binary, reversed: 1/2, 1/4, 3/4, 1/8, 5/8, ...
+        let n = ((u64::from((k as u32).reverse_bits()) * count) >> 32) as i64;
+        let id = PageId::of(walk.posts.grid().clamp(sweep.near(n)));
+        let page = walk.posts.page(id)?;
+        if run::run(sweep, page, id, n..n + 1, &mut false) == Stop::Blocked {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
 
 /// AB as the traversal needs it: places and heights with bounded errors.
 struct Course {
     from: [f64; 2],
     by: [f64; 2],
-    /// Reciprocals of `by`; 0 where AB is still.
-    per: [f64; 2],
+    /// The last column and row of the grid.
+    last: [f64; 2],
     z: f64,
     rise: f64,
     z_error: f64,
@@ -51,7 +98,11 @@ impl Course {
     ///
     /// A place from + t by has three roundings of numbers below |from| + |by|; t itself, and the number of a crossing,
     /// are off by t_error and a few roundings of numbers up to 1, which `by` multiplies.
-    fn new(a: [f64; 3], b: [f64; 3], span: Span, sweeps: &[Sweep; 4]) -> Option<Self> {
+    fn new<H>(walk: &Walk<'_, H>, span: Span, sweeps: &[Sweep; 4]) -> Option<Self>
+    where
+        H: HeightField + ?Sized,
+    {
+        let (a, b, grid) = (walk.a, walk.b, walk.posts.grid());
         let used = || sweeps.iter().filter(|sweep| sweep.count > 0);
         if !used().all(|sweep| sweep.trusted) || span.low >= span.high {
             return None;
@@ -65,30 +116,31 @@ impl Course {
         }
         let rise = b[2] - a[2];
         let z_error = t_error * rise.abs() + 16.0 * ROUNDOFF * a[2].abs().max(b[2].abs()) + FLUSHED;
-        let by = by.map(|d| if d.abs() < STILL { 0.0 } else { d });
-        let per = by.map(|d| if d == 0.0 { 0.0 } else { 1.0 / d });
-        Some(Self { from: [a[0], a[1]], by, per, z: a[2], rise, z_error, span })
+        let last = [f64::from(grid.nx() - 1), f64::from(grid.ny() - 1)];
+        Some(Self { from: [a[0], a[1]], by, last, z: a[2], rise, z_error, span })
     }
 
-    /// Column (axis 0) or row (axis 1) of the block at `t`, and the t at which AB leaves it along this axis.
+    /// The columns (axis 0) or rows (axis 1) of posts that a stretch needs.
     #[inline]
-    fn block(&self, axis: usize, t: f64, shift: u32) -> (i64, f64) {
-        let (from, by) = (self.from[axis], self.by[axis]);
-        if by == 0.0 {
-            return ((from as i64) >> shift, f64::INFINITY);
-        }
-        let ahead = from + t * by + if by > 0.0 { NUDGE } else { -NUDGE };
-        // Less than a cell below 0, where a cast would round up. Blocks beyond the grid are as good as the nearest.
-        let block = ((ahead + 1.0) as i64 - 1) >> shift;
-        let border = (block + i64::from(by > 0.0)) << shift;
-        (block, (border as f64 - from) * self.per[axis])
+    fn posts(&self, axis: usize, [t, end]: [f64; 2]) -> [u32; 2] {
+        let (from, by, last) = (self.from[axis], self.by[axis], self.last[axis]);
+        let ends = [from + t * by, from + end * by];
+        let low = ends[0].min(ends[1]) - PLACE_ERROR;
+        let high = ends[0].max(ends[1]) + PLACE_ERROR;
+        // Casts round down what is not negative, and negative numbers to 0.
+        [low.min(last) as u32, (high.max(0.0) + 1.0).min(last) as u32]
+    }
+
+    /// A height that AB is nowhere below over a stretch.
+    #[inline]
+    fn least_z(&self, [t, end]: [f64; 2]) -> f64 {
+        (self.z + t * self.rise).min(self.z + end * self.rise) - self.z_error
     }
 }
 
 /// Walks the crossings of AB that blocks do not settle. Returns whether it did; when not, nothing has been walked.
 pub(super) fn walk<K, H>(
     walk: &mut Walk<'_, H>,
-    pyramid: &Pyramid,
     sweeps: &[Sweep; 4],
     span: Span,
     strict: bool,
@@ -98,50 +150,37 @@ where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    let Some(course) = Course::new(walk.a, walk.b, span, sweeps) else { return Ok(false) };
+    let Some(course) = Course::new(walk, span, sweeps) else { return Ok(false) };
     let tolerance = walk.manner.tolerance;
-    let (mut t, mut level) = (span.low, 0);
-    while t < span.high {
-        let shift = pyramid.shift(level);
-        let ((column, t_x), (row, t_y)) = (course.block(0, t, shift), course.block(1, t, shift));
-        let end = t_x.min(t_y).min(span.high);
-        debug_assert!(end > t, "a block that leads nowhere at {t} of {:?} to {:?}", walk.a, walk.b);
-        let bounds = pyramid.at(level, column, row);
-        let heights = [course.z + t * course.rise, course.z + end * course.rise];
-        // How far the ground may rise above the line, and how far it does at least. Rounding keeps order, so each is
-        // less, or greater, than a number if its rounded value is.
-        let most = f64::from(bounds.high) - (heights[0].min(heights[1]) - course.z_error);
-        let least = f64::from(bounds.low) - (heights[0].max(heights[1]) + course.z_error);
-        if most < tolerance {
-            met.tolerated |= most >= 0.0;
-            level = (level + 1).min(pyramid.top());
-        } else if least <= 0.0 && least > -tolerance && has_ground(walk, sweeps, &course.span, [t, end])? {
-            (met.blocked, met.tolerated) = (true, true);
-            return Ok(true);
-        } else if level > 0 && least <= 0.0 {
-            level -= 1;
-            continue;
-        } else if !walk_stretch::<K, H>(walk, sweeps, &course.span, [t, end], strict, met)? {
-            return Ok(true);
-        }
-        t = end;
-    }
-    Ok(true)
-}
-
-/// Whether AB crosses something in the grid on a stretch over a block without voids.
-fn has_ground<H>(walk: &mut Walk<'_, H>, sweeps: &[Sweep; 4], span: &Span, stretch: [f64; 2]) -> Result<bool, ReadError>
-where
-    H: HeightField + ?Sized,
-{
-    for sweep in sweeps {
-        for n in numbers(sweep, span, stretch) {
-            if matches!(walk.cross::<Exact>(sweep, n)?, Found::Known(_)) {
-                return Ok(true);
+    let mut waiting = [[0.0; 2]; WAITING];
+    waiting[0] = [span.low, span.high];
+    let mut count = 1;
+    while count > 0 {
+        count -= 1;
+        let stretch = waiting[count];
+        let ([west, east], [south, north]) = (course.posts(0, stretch), course.posts(1, stretch));
+        let small = (east - west).max(north - south) <= LEAF;
+        if let Some(greatest) = walk.posts.greatest(west..=east, south..=north)?
+            && (!greatest.void || met.unknown)
+        {
+            // How far the ground may rise above the line. Rounding keeps order, so it is less than a number if its
+            // rounded value is.
+            let most = f64::from(greatest.z) - course.least_z(stretch);
+            if most < 0.0 || most < tolerance {
+                met.tolerated |= most >= 0.0;
+                continue;
             }
         }
+        let middle = (stretch[0] + stretch[1]) / 2.0;
+        if !small && count + 2 <= WAITING && stretch[0] < middle && middle < stretch[1] {
+            waiting[count] = [middle, stretch[1]];
+            waiting[count + 1] = [stretch[0], middle];
+            count += 2;
+        } else if !walk_stretch::<K, H>(walk, sweeps, &course.span, stretch, strict, met)? {
+            break;
+        }
     }
-    Ok(false)
+    Ok(true)
 }
 
 /// The crossings of a stretch.

@@ -14,13 +14,15 @@
 //! bound the error of the rounded gA and gB (0 for columns and rows; u |g| for the diagonals). With N = c - gA,
 //! D = gB - gA, Q = qB - qA, the rounded c - gA is (N + e1)(1 + d1) with |e1| <= e, the rounded D is
 //! (D + e2)(1 + d2) with |e2| <= 2 e, and (N + e1)/(D + e2) differs from N/D by at most (e + 2 e t)/|D + e2|
-//! <= 3 e / |D + e2|. Five roundings lie on the way to the product, so where 3 e <= |D|/8 it is off by at most
-//! |Q| (4 e/|D| + 7 u), and the last sum adds at most 1.01 u (max(|qA|, |qB|) + that). Therefore
+//! <= 3 e / |D + e2|. Six roundings lie on the way to the product (N, D, Q, the reciprocal of D, Q times that, and N
+//! times that), so where 3 e <= |D|/8 it is off by at most |Q| (4 e/|D| + 8 u), and the last sum adds at most
+//! 1.01 u (max(|qA|, |qB|) + that). Therefore
 //!
-//! error(q) = |Q| (4 e/|D| + 8 u) + 2 u max(|qA|, |qB|) + 2^-1016 (1 + |D|),
+//! error(q) = |Q| (4 e/|D| + 10 u) + 2 u max(|qA|, |qB|) + 2^-1016 (1 + |D|),
 //!
 //! the last term for all underflow, subnormal numbers that a host has flushed to zero included (e then has another
-//! 2^-1016): the quotient may lose 2^-1022, which is multiplied by at most 2 |D|, and each operand as much. All terms
+//! 2^-1016): the slope may lose 2^-1022, which is multiplied by at most 2 |D|, and each operand as much; where the
+//! reciprocal itself would be subnormal, |D| is beyond [`TRUSTED_MAGNITUDE`]. All terms
 //! are at least a tenth larger than needed, which pays for the rounding of the bound itself. Where numbers are so large
 //! that something might overflow, or the errors are no longer small beside a cell, the family is not [`Sweep::trusted`]
 //! and each crossing is decided exactly.
@@ -38,9 +40,27 @@ use crate::terrain::Grid;
 /// The unit roundoff of f64.
 pub(super) const ROUNDOFF: f64 = f64::EPSILON / 2.0;
 /// Numbers below it, but for zero, have differences, or errors of sums, that may be subnormal.
-const TINY: f64 = 1e-270;
+pub(super) const TINY: f64 = 1e-270;
 /// Beyond this magnitude rounded crossings are not trusted: products of two such numbers would overflow.
-const TRUSTED_MAGNITUDE: f64 = 1e150;
+pub(super) const TRUSTED_MAGNITUDE: f64 = 1e150;
+
+/// The least |g(B) - g(A)| with which [`Sweep::over_grid`] does: 24 times the greatest error of g on any grid.
+const SHORTEST_REACH: f64 = 24.0 / (1_u64 << 22) as f64;
+
+/// The error of v or z of a crossing, as derived above; `per` is 1 / `reach`.
+#[inline]
+fn error(from: f64, to: f64, g_error: f64, reach: f64, per: f64) -> f64 {
+    (to - from).abs() * (4.0 * g_error * per.abs() + 10.0 * ROUNDOFF)
+        + 2.0 * ROUNDOFF * from.abs().max(to.abs())
+        + FLUSHED * (1.0 + reach.abs())
+}
+
+/// The greatest multiple of 1 or 2 that is not above `g`, which is less than 2^52 in magnitude.
+#[inline]
+fn multiple_below(g: f64, spacing: i64) -> i64 {
+    let whole = g as i64;
+    (whole - i64::from(whole as f64 > g)) & !(spacing - 1)
+}
 
 /// A family of parallel lines that carry edges.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -143,6 +163,17 @@ impl Family {
         Post::new(i as u32, j as u32)
     }
 
+    /// What a step of c, and one of v, add to column and row of a post.
+    #[inline]
+    pub(super) fn layout(self) -> ([i64; 2], [i64; 2]) {
+        match self {
+            Self::Column => ([1, 0], [0, 1]),
+            Self::Row => ([0, 1], [1, 0]),
+            Self::Rising => ([0, -1], [1, 1]),
+            Self::Falling => ([0, 1], [1, -1]),
+        }
+    }
+
     /// Point `v` on line `c`, in the grid or not.
     pub(super) fn point(self, c: i64, v: i64) -> [f64; 2] {
         self.point_at(c, v as f64)
@@ -168,6 +199,9 @@ pub(super) struct Span {
 }
 
 impl Span {
+    /// All of a line whose ends are over the grid.
+    pub(super) const ALL: Self = Self { low: 0.0, high: 1.0 };
+
     /// `None` when AB is nowhere over the grid.
     pub(super) fn new(grid: Grid, a: [f64; 3], b: [f64; 3]) -> Option<Self> {
         let (mut low, mut high) = (0.0_f64, 1.0_f64);
@@ -203,6 +237,8 @@ pub(super) struct Sweep {
     pub(super) turn: Sign,
     /// Whether the rounded crossings are within the errors below, and those are small beside a cell.
     pub(super) trusted: bool,
+    /// Whether it is trusted and both ends are over the grid.
+    pub(super) inside: bool,
     g_a: f64,
     v_a: f64,
     z_a: f64,
@@ -244,19 +280,16 @@ impl Sweep {
         let (first, last) = line_range(family, grid, span, plan_a, plan_b);
         let forward = growing == Sign::Positive;
         let spacing = family.spacing();
-        let error = |from: f64, to: f64| {
-            (to - from).abs() * (4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF)
-                + 2.0 * ROUNDOFF * from.abs().max(to.abs())
-                + FLUSHED * (1.0 + reach.abs())
-        };
-        let (v_error, z_error) = (error(v_a, v_b), error(z_a, z_b));
-        let (v_slope, z_slope) = ((v_b - v_a) / reach, (z_b - z_a) / reach);
+        let per = 1.0 / reach;
+        let (v_error, z_error) = (error(v_a, v_b, g_error, reach, per), error(z_a, z_b, g_error, reach, per));
+        let (v_slope, z_slope) = ((v_b - v_a) * per, (z_b - z_a) * per);
         let magnitude = [v_a, v_b, z_a, z_b, g_a, g_b, v_slope, z_slope].iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         // Written so that NaN is not trusted.
         let trusted = magnitude <= TRUSTED_MAGNITUDE
             && v_slope.is_finite()
             && z_slope.is_finite()
             && 24.0 * g_error <= reach.abs()
+            && per.is_normal()
             && v_error < 0.125;
         let (first, last, step) = if forward { (first, last, spacing) } else { (last, first, -spacing) };
         Self {
@@ -266,6 +299,7 @@ impl Sweep {
             count: if growing == Sign::Zero { 0 } else { ((last - first) / step + 1).max(0) },
             turn: family.turn().times(growing),
             trusted,
+            inside: false,
             g_a,
             v_a,
             z_a,
@@ -276,8 +310,63 @@ impl Sweep {
             reach,
             t_first: (first as f64 - g_a) / reach,
             lines_per_t: reach / step as f64,
-            t_error: if trusted { 4.0 * g_error / reach.abs() + 8.0 * ROUNDOFF } else { f64::INFINITY },
+            t_error: if trusted { 4.0 * g_error / reach.abs() + 10.0 * ROUNDOFF } else { f64::INFINITY },
         }
+    }
+
+    /// The same sweep as [`Sweep::new`], for less, when both ends are over the grid and no height is beyond
+    /// [`TRUSTED_MAGNITUDE`]; `None` where it takes more care.
+    ///
+    /// The lines strictly between the ends follow from the floors of the rounded g: rounding keeps order, so a multiple
+    /// of the spacing is on the same side of g and of its rounded value unless they are equal, and then the error of
+    /// the sum tells.
+    #[inline]
+    pub(super) fn over_grid(family: Family, a: [f64; 3], b: [f64; 3]) -> Option<Self> {
+        let [plan_a, plan_b] = [[a[0], a[1]], [b[0], b[1]]];
+        let ((g_a, e_a), (g_b, e_b)) = (family.function(plan_a), family.function(plan_b));
+        let (v_a, v_b, z_a, z_b) = (family.along(plan_a), family.along(plan_b), a[2], b[2]);
+        let reach = g_b - g_a;
+        let forward = reach > 0.0;
+        let (low, high) = if forward { ((g_a, e_a), (g_b, e_b)) } else { ((g_b, e_b), (g_a, e_a)) };
+        let spacing = family.spacing();
+        let (below, above) = (multiple_below(low.0, spacing), multiple_below(high.0, spacing));
+        let first = below + if below as f64 == low.0 && low.1 < 0.0 { 0 } else { spacing };
+        let last = above - if above as f64 == high.0 && high.1 <= 0.0 { spacing } else { 0 };
+        let g_error = match family {
+            Family::Column | Family::Row => 0.0,
+            Family::Rising | Family::Falling => ROUNDOFF * g_a.abs().max(g_b.abs()),
+        };
+        let per = 1.0 / reach;
+        let (v_error, z_error) = (error(v_a, v_b, g_error, reach, per), error(z_a, z_b, g_error, reach, per));
+        // Not so for NaN. Then numbers are below 2^32, their quotients by reach below 2^52, heights and slopes as
+        // small as trusted ones must be.
+        let ordinary = reach.abs() >= SHORTEST_REACH && v_error < 0.125;
+        if !ordinary {
+            return None;
+        }
+        let (growing, direction) = if forward { (Sign::Positive, 1.0) } else { (Sign::Negative, -1.0) };
+        let (first, last, step) = if forward { (first, last, spacing) } else { (last, first, -spacing) };
+        let steps = (last - first) * if forward { 1 } else { -1 };
+        Some(Self {
+            family,
+            first,
+            step,
+            count: if steps < 0 { 0 } else { steps / spacing + 1 },
+            turn: family.turn().times(growing),
+            trusted: true,
+            inside: true,
+            g_a,
+            v_a,
+            z_a,
+            v_slope: (v_b - v_a) * per,
+            z_slope: (z_b - z_a) * per,
+            v_error,
+            z_error,
+            reach,
+            t_first: (first as f64 - g_a) * per,
+            lines_per_t: reach * if spacing == 1 { direction } else { 0.5 * direction },
+            t_error: 4.0 * g_error * per.abs() + 10.0 * ROUNDOFF,
+        })
     }
 
     /// The parameter t of AB at line `c`, within [`Sweep::t_error`].
@@ -292,6 +381,19 @@ impl Sweep {
         // Casts of NaN give 0, of what is too large saturate.
         let lines = (t - self.t_first) * self.lines_per_t;
         if lines < 0.0 { 0 } else { (lines as i64).saturating_add(1).min(self.count) }
+    }
+
+    /// What the line number grows by from crossing to crossing.
+    #[inline]
+    pub(super) fn step(&self) -> i64 {
+        self.step
+    }
+
+    /// The post at or before crossing `n`, give or take one; so it may be beyond the grid.
+    #[inline]
+    pub(super) fn near(&self, n: i64) -> Post {
+        let crossing = self.crossing(n);
+        self.family.post(crossing.c, crossing.v as i64)
     }
 
     /// Line number of crossing `n`, below [`Sweep::count`].

@@ -93,12 +93,9 @@ proptest! {
         let expected = naive::line_of_sight(&field, a, b, options).unwrap();
         prop_assert_eq!(line_of_sight(&field, a, b, options).unwrap(), expected);
         prop_assert_eq!(line_of_sight(&field, b, a, options).unwrap(), expected, "reversed");
-        for base in 0..4 {
-            let pyramid = Pyramid::with_base(&field, base).unwrap();
-            let mut lines = Lines::new(&field, Some(&pyramid));
-            prop_assert_eq!(lines.ask(a, b, options).unwrap(), expected, "blocks of 2^{} cells", base);
-            prop_assert_eq!(lines.ask(b, a, options).unwrap(), expected, "reversed, 2^{} cells", base);
-        }
+        let mut plain = Lines::plain(&field);
+        prop_assert_eq!(plain.ask(a, b, options).unwrap(), expected, "plain");
+        prop_assert_eq!(plain.ask(b, a, options).unwrap(), expected, "plain, reversed");
     }
 
     #[test]
@@ -190,9 +187,8 @@ fn lines_over_pages_and_far_beyond_the_grid_are_the_naive_ones() {
         for field in [&field, &voids] {
             let expected = naive::line_of_sight(field, a, b, Options::default()).unwrap();
             assert_eq!(line_of_sight(field, a, b, Options::default()).unwrap(), expected, "{seed}: {a:?} {b:?}");
-            let pyramid = Pyramid::with_base(field, 2).unwrap();
-            let skipping = Lines::new(field, Some(&pyramid)).ask(a, b, Options::default()).unwrap();
-            assert_eq!(skipping, expected, "skipping, {seed}: {a:?} {b:?}");
+            let plain = Lines::plain(field).ask(a, b, Options::default()).unwrap();
+            assert_eq!(plain, expected, "plain, {seed}: {a:?} {b:?}");
         }
     }
 }
@@ -228,9 +224,8 @@ fn skipping_changes_no_answer() {
     let spikes = MemoryField::from_fn(300, 270, |i, j| Some(if (i * 31 + j * 17) % 997 == 0 { 30.0 } else { -30.0 }));
     let mut counts = [0; 3];
     for field in [rough, holed, lakes.unwrap(), spikes.unwrap()] {
-        let pyramid = Pyramid::build(&field).unwrap();
-        let mut walked = Lines::new(&field, None);
-        let mut skipping = Lines::new(&field, Some(&pyramid));
+        let mut walked = Lines::plain(&field);
+        let mut skipping = Lines::new(&field);
         for n in 0..6000 {
             let [a, b] = manufactured(n, 300.0);
             let options = Options { strict: n.is_multiple_of(5), ..Options::default() };
@@ -247,14 +242,13 @@ fn tolerant_answers_are_between_those_of_raised_and_lowered_terrain() {
     let height = |i, j| (i + j * 7 != 300).then(|| f64::from(synthetic::fractal_height(i, j, 5, 60)));
     let shifted = |by: f64| MemoryField::from_fn(150, 150, |i, j| height(i, j).map(|z| z + by)).unwrap();
     let field = shifted(0.0);
-    let pyramid = Pyramid::build(&field).unwrap();
     for h in [0.0, 0.5, 4.0, 30.0] {
         let (raised, lowered) = (shifted(h), shifted(-h));
         let options = Options { precision: Precision::Tolerance(h), ..Options::default() };
         let (mut uncertain, mut differ) = (0, 0);
         for n in 0..3000 {
             let [a, b] = manufactured(n, 150.0);
-            let answer = Lines::new(&field, Some(&pyramid)).ask(a, b, options).unwrap();
+            let answer = Lines::new(&field).ask(a, b, options).unwrap();
             let (low, high) = (ask(&lowered, a, b), ask(&raised, a, b));
             assert!(low <= answer.verdict && answer.verdict <= high, "{h}, line {n}: {a:?} {b:?} {answer:?}");
             let exact = line_of_sight(&field, a, b, Options::default()).unwrap();
@@ -274,13 +268,12 @@ fn tolerant_answers_are_between_those_of_raised_and_lowered_terrain() {
 #[test]
 fn fast_answers_are_seldom_wrong_and_never_certain() {
     let field = synthetic::fractal(300, 270, 5, 60).unwrap();
-    let pyramid = Pyramid::build(&field).unwrap();
     for (precision, at_most) in [(Precision::F64, 60), (Precision::Fast, 300)] {
         let options = Options { precision, ..Options::default() };
         let mut wrong = 0;
         for n in 0..6000 {
             let [a, b] = manufactured(n, 268.0);
-            let answer = Lines::new(&field, Some(&pyramid)).ask(a, b, options).unwrap();
+            let answer = Lines::new(&field).ask(a, b, options).unwrap();
             assert!(!answer.certain);
             wrong += usize::from(answer.verdict != ask(&field, a, b));
         }
@@ -299,10 +292,8 @@ fn batches_keep_the_order() {
         })
         .collect();
     let alone: Vec<_> = lines.iter().map(|&[a, b]| line_of_sight(&field, a, b, Options::default()).unwrap()).collect();
-    assert_eq!(line_of_sight_batch(&field, None, &lines, Options::default()).unwrap(), alone);
-    let pyramid = Pyramid::build(&field).unwrap();
-    assert_eq!(line_of_sight_batch(&field, Some(&pyramid), &lines, Options::default()).unwrap(), alone);
-    assert_eq!(line_of_sight_batch(&field, None, &[], Options::default()).unwrap(), []);
+    assert_eq!(line_of_sight_batch(&field, &lines, Options::default()).unwrap(), alone);
+    assert_eq!(line_of_sight_batch(&field, &[], Options::default()).unwrap(), []);
 }
 
 #[test]

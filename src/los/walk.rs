@@ -21,15 +21,17 @@ use sightline_proto::{
 
 use super::{
     Manner,
-    pyramid::Pyramid,
+    run::{self, Stop},
     skip,
     surface::Face,
-    sweep::{Crossing, Family, ROUNDOFF, Span, Sweep},
+    sweep::{Crossing, Family, ROUNDOFF, Span, Sweep, TINY, TRUSTED_MAGNITUDE},
 };
 use crate::terrain::{DrawnPost, HeightField, PAGE_SIDE, PageId, Posts, ReadError};
 
 /// Crossings of one family in a row before the next family's turn, so that all four use the same pages.
 const RUN: i64 = 256;
+/// Lines with no more crossings of any family are walked in full: to look for what can be skipped would cost more.
+const FEW: i64 = 16;
 
 /// What a line met.
 #[derive(Clone, Copy, Default, Debug)]
@@ -53,24 +55,44 @@ impl Met {
 }
 
 /// Walks AB until it is blocked (when `strict`, by contact too) or ends, passing over what the blocks settle.
-pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, pyramid: Option<&Pyramid>, strict: bool) -> Result<Met, ReadError>
+pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, strict: bool) -> Result<Met, ReadError>
 where
     K: Kernel,
     H: HeightField + ?Sized,
 {
+    let grid = walk.posts.grid();
+    let (a, b, plain) = (walk.a, walk.b, walk.manner.plain);
+    let inside = !plain && walk.is_inside();
+    let mut probed = None;
+    if inside {
+        let mut met = Met::default();
+        if skip::is_clear(walk, &mut met)? {
+            return Ok(met);
+        }
+        let family = if (b[0] - a[0]).abs() > (b[1] - a[1]).abs() { Family::Column } else { Family::Row };
+        probed = Sweep::over_grid(family, a, b);
+        if let Some(sweep) = &probed
+            && skip::is_blocked_at_probes(walk, sweep)?
+        {
+            return Ok(Met { blocked: true, ..met });
+        }
+    }
     let mut met = walk.ends::<K>()?;
     if met.decides(strict) {
         return Ok(met);
     }
-    let grid = walk.posts.grid();
-    let Some(span) = Span::new(grid, walk.a, walk.b) else { return Ok(met) };
-    let sweeps = Family::ALL.map(|family| Sweep::new(family, grid, span, walk.a, walk.b));
-    if let Some(pyramid) = pyramid
-        && skip::walk::<K, H>(walk, pyramid, &sweeps, span, strict, &mut met)?
-    {
+    let Some(span) = (if inside { Some(Span::ALL) } else { Span::new(grid, a, b) }) else { return Ok(met) };
+    let sweeps = Family::ALL.map(|family| match probed {
+        Some(sweep) if sweep.family == family => sweep,
+        _ => inside
+            .then(|| Sweep::over_grid(family, a, b))
+            .flatten()
+            .unwrap_or_else(|| Sweep::new(family, grid, span, a, b)),
+    });
+    let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
+    if !plain && longest > FEW && skip::walk::<K, H>(walk, &sweeps, span, strict, &mut met)? {
         return Ok(met);
     }
-    let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
     let runs = (longest + RUN - 1) / RUN;
     for run in 0..runs {
         for sweep in &sweeps {
@@ -117,8 +139,27 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         strict: bool,
         met: &mut Met,
     ) -> Result<bool, ReadError> {
-        for n in crossings {
+        let Range { start: mut n, end } = crossings;
+        while n < end {
+            if sweep.inside {
+                let id = PageId::of(self.posts.grid().clamp(sweep.near(n)));
+                match run::run(sweep, self.posts.page(id)?, id, n..end, &mut met.unknown) {
+                    Stop::Through => {
+                        (n..end).for_each(|_| K::settled());
+                        return Ok(true);
+                    }
+                    Stop::Blocked => {
+                        met.blocked = true;
+                        return Ok(false);
+                    }
+                    Stop::At(undecided) => {
+                        (n..undecided).for_each(|_| K::settled());
+                        n = undecided;
+                    }
+                }
+            }
             let found = if self.manner.fast { self.cross_fast(sweep, n) } else { self.cross::<K>(sweep, n) };
+            n += 1;
             match found? {
                 Found::Known(Sign::Positive) | Found::Outside => continue,
                 Found::Known(Sign::Negative) => met.blocked = true,
@@ -130,6 +171,17 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
             }
         }
         Ok(true)
+    }
+
+    /// Whether both ends are over the grid, with no coordinate so small that sums might be subnormal and no height so
+    /// great that products might overflow.
+    #[inline]
+    fn is_inside(&self) -> bool {
+        let grid = self.posts.grid();
+        let limit = [f64::from(grid.nx() - 1), f64::from(grid.ny() - 1)];
+        let within = |v: f64, limit: f64| (v >= TINY || v.to_bits() == 0) && v <= limit;
+        let end = |p: [f64; 3]| within(p[0], limit[0]) && within(p[1], limit[1]) && p[2].abs() <= TRUSTED_MAGNITUDE;
+        end(self.a) && end(self.b)
     }
 
     /// What the ends meet, and whether AB touches between them without crossing anything.

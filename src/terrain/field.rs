@@ -1,9 +1,11 @@
 //! Posts, pages and the trait through which the algorithms read heights.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use sightline_proto::diamond::{Post, RootSquare};
 use thiserror::Error;
+
+use super::maxima::BlockMaxima;
 
 /// Posts along the side of a page.
 pub const PAGE_SIDE: u32 = 64;
@@ -119,12 +121,33 @@ pub enum Samples {
     F64(Box<[f64]>),
 }
 
+impl Samples {
+    /// Heights, [`PAGE_POSTS`] of them, in the narrowest type that holds them to the last bit.
+    pub(super) fn narrowest(heights: Vec<f64>) -> Self {
+        if let Some(small) = heights.iter().map(|&z| whole(z).and_then(|n| n.try_into().ok())).collect() {
+            return Self::I16(small);
+        }
+        match heights.iter().map(|&z| whole(z)).collect() {
+            Some(whole) => Self::I32(whole),
+            None => Self::F64(heights.into()),
+        }
+    }
+}
+
+/// A number as an integer, unless bits would be lost (that of -0 too).
+fn whole(z: f64) -> Option<i32> {
+    let n = z as i32;
+    (f64::from(n).to_bits() == z.to_bits()).then_some(n)
+}
+
 /// A page of heights. Void posts carry their filled (drawn) height; posts of the page beyond the grid are 0.
 #[derive(Clone, Debug)]
 pub struct HeightPage {
     samples: Samples,
     /// One bit a post, set where void; `None` when no post of the page is.
     voids: Option<Box<[u64; PAGE_POSTS / 64]>>,
+    /// Found when they are first asked for.
+    maxima: OnceLock<BlockMaxima>,
 }
 
 impl HeightPage {
@@ -139,12 +162,30 @@ impl HeightPage {
             Samples::F64(s) => s.len(),
         };
         assert_eq!(len, PAGE_POSTS);
-        Self { samples, voids }
+        Self { samples, voids, maxima: OnceLock::new() }
+    }
+
+    /// A page whose samples are the greatest heights of whole pages, void where one of those has a void post.
+    pub fn of_maxima(samples: Samples, voids: Option<Box<[u64; PAGE_POSTS / 64]>>) -> Self {
+        let maxima = BlockMaxima::of_maxima(&samples, voids.as_deref());
+        Self { maxima: maxima.into(), ..Self::new(samples, voids) }
+    }
+
+    /// The greatest heights of its blocks.
+    #[inline]
+    pub fn maxima(&self) -> &BlockMaxima {
+        self.maxima.get_or_init(|| BlockMaxima::of_heights(&self.samples, self.voids.as_deref()))
     }
 
     /// The heights.
     pub fn samples(&self) -> &Samples {
         &self.samples
+    }
+
+    /// One bit a post, row by row from the south, lowest bit first, set where void; `None` when no post of the page is.
+    #[inline]
+    pub fn voids(&self) -> Option<&[u64; PAGE_POSTS / 64]> {
+        self.voids.as_deref()
     }
 
     /// Whether any post of the page is void.
@@ -182,22 +223,42 @@ pub trait HeightField: Send + Sync {
 
     /// Reads one page. `id` must be within [`Grid::pages`].
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError>;
+
+    /// Reads one page of the greatest heights over squares of 64^`level` posts a side, `level` at least 1. `None` when
+    /// the field does not keep them: then what asks for bounds reads more pages of heights, and answers the same.
+    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
+        let _ = (level, id);
+        Ok(None)
+    }
 }
 
-/// Number of pages that a [`Posts`] keeps at hand; a power of two.
+/// Number of pages of heights that a [`Posts`] keeps at hand; a power of two.
 const SLOTS: usize = 64;
+/// Number of pages of maxima.
+const COARSE_SLOTS: usize = 16;
 
 /// A reader's own view of a field: keeps the last pages it met, so that neighbouring posts cost no lock.
 pub struct Posts<'a, H: HeightField + ?Sized> {
     field: &'a H,
     grid: Grid,
-    slots: Vec<Option<(PageId, Arc<HeightPage>)>>,
+    slots: Box<[Option<Held>; SLOTS]>,
+    coarse: [Option<HeldMaxima>; COARSE_SLOTS],
 }
+
+/// A page of heights at hand.
+type Held = (PageId, Arc<HeightPage>);
+/// The level and place of a page of maxima, and the page if there is one.
+type HeldMaxima = (u32, PageId, Option<Arc<HeightPage>>);
 
 impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
     /// A reader of `field` with nothing at hand.
     pub fn new(field: &'a H) -> Self {
-        Self { field, grid: field.grid(), slots: vec![None; SLOTS] }
+        Self {
+            field,
+            grid: field.grid(),
+            slots: Box::new([const { None }; SLOTS]),
+            coarse: [const { None }; COARSE_SLOTS],
+        }
     }
 
     /// The extent of the grid.
@@ -225,5 +286,18 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
             Some((_, page)) => Ok(page),
             None => unreachable!("the slot was filled above"),
         }
+    }
+
+    /// The page `id` of a level of maxima, or of heights for level 0; `None` when the field has none.
+    #[inline]
+    pub(super) fn page_of_level(&mut self, level: u32, id: PageId) -> Result<Option<&HeightPage>, ReadError> {
+        if level == 0 {
+            return self.page(id).map(Some);
+        }
+        let slot = (id.pi % 2 + id.pj % 2 * 2 + level % 4 * 4) as usize % COARSE_SLOTS;
+        if self.coarse[slot].as_ref().is_none_or(|(at, held, _)| (*at, *held) != (level, id)) {
+            self.coarse[slot] = Some((level, id, self.field.maxima(level, id)?));
+        }
+        Ok(self.coarse[slot].as_ref().and_then(|(.., page)| page.as_deref()))
     }
 }

@@ -2,13 +2,18 @@
 
 use std::sync::Arc;
 
-use super::field::{Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError, Samples};
+use super::{
+    field::{Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError, Samples},
+    maxima::{self, maxima_of},
+};
 
 /// A height field held in memory.
 #[derive(Clone, Debug)]
 pub struct MemoryField {
     grid: Grid,
     pages: Vec<Arc<HeightPage>>,
+    /// By level from 1.
+    maxima: Vec<Vec<Arc<HeightPage>>>,
 }
 
 impl MemoryField {
@@ -25,12 +30,13 @@ impl MemoryField {
                 pages.push(Arc::new(page(grid, PageId { pi, pj }, &mut height)));
             }
         }
-        Ok(Self { grid, pages })
+        let maxima = maxima_of(grid, |id| Ok(Arc::clone(&pages[(id.pj * columns + id.pi) as usize])));
+        Ok(Self { grid, pages, maxima: maxima.unwrap_or_default() })
     }
 }
 
 fn page(grid: Grid, id: PageId, height: &mut impl FnMut(u32, u32) -> Option<f64>) -> HeightPage {
-    let mut samples = vec![0.0; PAGE_POSTS].into_boxed_slice();
+    let mut samples = vec![0.0; PAGE_POSTS];
     let mut voids = Box::new([0; PAGE_POSTS / 64]);
     let (west, south) = (id.pi * PAGE_SIDE, id.pj * PAGE_SIDE);
     for j in south..(south + PAGE_SIDE).min(grid.ny()) {
@@ -46,7 +52,7 @@ fn page(grid: Grid, id: PageId, height: &mut impl FnMut(u32, u32) -> Option<f64>
         }
     }
     let any = voids.iter().any(|&w| w != 0);
-    HeightPage::new(Samples::F64(samples), any.then_some(voids))
+    HeightPage::new(Samples::narrowest(samples), any.then_some(voids))
 }
 
 impl HeightField for MemoryField {
@@ -57,5 +63,11 @@ impl HeightField for MemoryField {
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
         let (columns, _) = self.grid.pages();
         Ok(Arc::clone(&self.pages[id.pj as usize * columns as usize + id.pi as usize]))
+    }
+
+    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
+        let found = maxima::pages(self.grid, level)
+            .and_then(|(columns, _)| self.maxima.get(level as usize - 1)?.get((id.pj * columns + id.pi) as usize));
+        Ok(found.map(Arc::clone))
     }
 }

@@ -5,6 +5,7 @@
 
 mod field;
 mod georeference;
+pub mod maxima;
 mod memory;
 pub mod synthetic;
 

@@ -41,6 +41,10 @@ impl HeightField for MemoryTerrain {
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
         self.field.page(id)
     }
+
+    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
+        self.field.maxima(level, id)
+    }
 }
 
 impl ErrorBounds for MemoryTerrain {

@@ -9,7 +9,7 @@ mod random;
 mod symmetry;
 
 use sightline::{
-    los::{self, Answer, Lines, Options, Pyramid, Verdict, naive},
+    los::{self, Answer, Lines, Options, Verdict, naive},
     terrain::{HeightField, MemoryField, synthetic::mix},
 };
 use sightline_proto::predicates::ExactOnly;
@@ -85,17 +85,11 @@ impl Motion {
     }
 }
 
-/// All ways to ask one field: with blocks skipped, at every crossing, and at every crossing without filters.
-fn ask_all_ways(
-    field: &MemoryField,
-    pyramid: &Pyramid,
-    a: End,
-    b: End,
-    options: Options,
-) -> [(&'static str, Answer); 3] {
+/// All ways to ask one field: with stretches skipped, at every crossing, and at every crossing without filters.
+fn ask_all_ways(field: &MemoryField, a: End, b: End, options: Options) -> [(&'static str, Answer); 3] {
     [
-        ("skipping", Lines::new(field, Some(pyramid)).ask(a, b, options).unwrap()),
-        ("walking", Lines::new(field, None).ask(a, b, options).unwrap()),
+        ("skipping", Lines::new(field).ask(a, b, options).unwrap()),
+        ("walking", Lines::plain(field).ask(a, b, options).unwrap()),
         ("without filters", without_filters(field, a, b, options)),
     ]
 }
@@ -109,18 +103,14 @@ fn without_filters<H: HeightField>(field: &H, a: End, b: End, options: Options) 
 struct Asked {
     nx: u32,
     ny: u32,
-    fields: Vec<(Motion, MemoryField, Pyramid)>,
+    fields: Vec<(Motion, MemoryField)>,
 }
 
 impl Asked {
     fn new(terrain: &Terrain) -> Self {
-        let with_bounds = |motion: Motion| {
-            let field = motion.field(terrain);
-            let pyramid = Pyramid::build(&field).unwrap();
-            (motion, field, pyramid)
-        };
+        let moved = |motion: Motion| (motion, motion.field(terrain));
         let motions = Motion::keeping_diagonals(terrain.nx, terrain.ny);
-        Self { nx: terrain.nx, ny: terrain.ny, fields: motions.into_iter().map(with_bounds).collect() }
+        Self { nx: terrain.nx, ny: terrain.ny, fields: motions.into_iter().map(moved).collect() }
     }
 
     /// The answer to a question that is not strict, which all ways to ask must give.
@@ -128,11 +118,11 @@ impl Asked {
         let [answer, _] = [false, true].map(|strict| {
             let options = Options { strict, ..Options::default() };
             let expected = naive::line_of_sight(&self.fields[0].1, a, b, options).unwrap();
-            for (motion, field, pyramid) in &self.fields {
+            for (motion, field) in &self.fields {
                 let end = |end| motion.end(end, self.nx, self.ny);
                 let (Some(a), Some(b)) = (end(a), end(b)) else { continue };
                 for (from, to) in [(a, b), (b, a)] {
-                    for (way, answer) in ask_all_ways(field, pyramid, from, to, options) {
+                    for (way, answer) in ask_all_ways(field, from, to, options) {
                         assert_eq!(answer, expected, "{from:?} to {to:?}, strict {strict}, {motion:?}, {way}");
                     }
                 }

@@ -14,7 +14,7 @@ use std::cell::Cell;
 use rayon::prelude::*;
 use sightline::{
     database::{Database, OpenOptions},
-    los::{Answer, Lines, Options, Pyramid, line_of_sight_with, naive},
+    los::{Answer, Lines, Options, line_of_sight_with, naive},
     terrain::{HeightField, MemoryField},
 };
 use sightline_proto::predicates::{Kernel, Sign};
@@ -162,8 +162,7 @@ fn random_lines_of_the_product_are_those_of_the_plain_walk() {
     println!("SIGHTLINE_PRODUCT_QUERIES={queries} SIGHTLINE_SEED={seed}");
     let tally = run(queries, 1_000, |n| {
         let scene = Scene::new(mix(seed ^ mix(n) ^ 1 << 60), 200);
-        let pyramid = Pyramid::build(&scene.field).unwrap();
-        let mut product = Lines::new(&scene.field, Some(&pyramid));
+        let mut product = Lines::new(&scene.field);
         let mut tally = Tally::default();
         for k in 0..1_000 {
             let ([a, b], options) = scene.line(k, 50);
@@ -192,7 +191,7 @@ fn random_lines_over_real_ground_are_those_of_the_plain_walk() {
     let field = Database::open(path.as_ref(), OpenOptions::default()).unwrap();
     let grid = field.grid();
     let tally = run(queries, 1_000, |n| {
-        let mut product = Lines::new(&field, None);
+        let mut product = Lines::new(&field);
         let mut tally = Tally::default();
         for k in 0..1_000 {
             let draw = |m: u64| mix(seed ^ mix(n * 1_000 + k) ^ m << 40);
@@ -230,8 +229,7 @@ fn conformance_of_some_thousand_answers_to_a_golden_hash() {
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;
     for n in 0..60 {
         let scene = Scene::new(mix(n), 60);
-        let pyramid = Pyramid::build(&scene.field).unwrap();
-        let mut lines = Lines::new(&scene.field, Some(&pyramid));
+        let mut lines = Lines::new(&scene.field);
         for k in 0..100 {
             let ([a, b], options) = scene.line(k, 2);
             let Answer { verdict, grazes, .. } = lines.ask(a, b, options).unwrap();

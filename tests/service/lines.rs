@@ -168,7 +168,7 @@ async fn viewsheds_and_matrices_hold_the_verdicts_of_single_lines() {
     let request = v1::QueryViewshedRequest { observer, target_height_m: 1.0, region, ..Default::default() };
     let mut tiles = client.viewshed(request).await.unwrap();
     let (mut cells, mut last) = (0, None);
-    let mut lines = Lines::new(&*field, None);
+    let mut lines = Lines::new(&*field);
     while let Some(tile) = timeout(PATIENCE, tiles.next()).await.unwrap().unwrap() {
         for (n, &cell) in tile.cells.iter().enumerate().filter(|(_, cell)| **cell != 0) {
             let (x, y) = (f64::from(tile.first_i + n as u32 % 64), f64::from(tile.first_j + n as u32 / 64));

@@ -10,7 +10,7 @@ use crate::{
     cli::{Failure, args::EarthShape, info},
     database::Database,
     exercise::{Altitude, Frame, Place, PlaceError, Site},
-    los::{self, Derived, Earth, Lines, LosError, Options, Precision, Pyramid, Verdict},
+    los::{self, Derived, Earth, Lines, LosError, Options, Precision, Verdict},
     terrain::{Georeference, ReadError},
 };
 
@@ -66,24 +66,17 @@ pub(super) type Brief = (&'static str, bool);
 
 /// Whoever knows the terrain.
 pub(super) enum Asker {
-    /// With bounds of blocks where the precision can use them.
-    Database(Box<Database>, Site, Option<Pyramid>),
+    Database(Box<Database>, Site),
     Server(Client, tokio::runtime::Runtime),
 }
 
 impl Asker {
     /// A target with `://` is a server, any other a database.
-    pub(super) fn open(target: &str, precision: Precision) -> Result<Self, Failure> {
+    pub(super) fn open(target: &str) -> Result<Self, Failure> {
         if !target.contains("://") {
             let database = info::open(Path::new(target))?;
             let site = Site { scale: database.scale(), georeference: database.georeference() };
-            let pyramid = match precision {
-                Precision::Tolerance(_) => {
-                    Some(Pyramid::build(&database).map_err(|e| place_failure(LosError::from(e).into()))?)
-                }
-                _ => None,
-            };
-            return Ok(Self::Database(Box::new(database), site, pyramid));
+            return Ok(Self::Database(Box::new(database), site));
         }
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_all()
@@ -96,7 +89,7 @@ impl Asker {
     /// The shape of the Earth under the terrain. Servers know a flat one.
     pub(super) fn earth(&self, shape: EarthShape) -> Result<Earth, Failure> {
         match self {
-            Self::Database(_, site, _) => shape.earth(site.scale),
+            Self::Database(_, site) => shape.earth(site.scale),
             Self::Server(..) if shape.is_flat() => Ok(Earth::Flat),
             Self::Server(..) => Err(Failure::Usage("--earth sphere needs a database".into())),
         }
@@ -109,9 +102,7 @@ impl Asker {
     /// Everything about one line.
     pub(super) fn ask(&self, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, Failure> {
         match self {
-            Self::Database(database, site, pyramid) => {
-                ask_database(database, site, pyramid.as_ref(), manner, ends).map_err(place_failure)
-            }
+            Self::Database(database, site) => ask_database(database, site, manner, ends).map_err(place_failure),
             Self::Server(client, runtime) => {
                 let [a, b] = ends.map(|end| Some(end_to_wire(manner, end)));
                 let request = v1::QueryLineOfSightRequest {
@@ -133,8 +124,8 @@ impl Asker {
         manner: Manner,
         lines: &[[[f64; 3]; 2]],
     ) -> Option<Result<Vec<Reply>, (usize, Failure)>> {
-        let Self::Database(database, site, pyramid) = self else { return None };
-        let ask = |&ends: &[[f64; 3]; 2]| ask_database(database, site, pyramid.as_ref(), manner, ends);
+        let Self::Database(database, site) = self else { return None };
+        let ask = |&ends: &[[f64; 3]; 2]| ask_database(database, site, manner, ends);
         let replies: Vec<_> = lines.par_iter().map(ask).collect();
         let numbered = |(n, reply): (usize, Result<Reply, PlaceError>)| reply.map_err(|e| (n, place_failure(e)));
         Some(replies.into_iter().enumerate().map(numbered).collect())
@@ -168,13 +159,7 @@ impl Asker {
     }
 }
 
-fn ask_database(
-    database: &Database,
-    site: &Site,
-    pyramid: Option<&Pyramid>,
-    manner: Manner,
-    ends: [[f64; 3]; 2],
-) -> Result<Reply, PlaceError> {
+fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, PlaceError> {
     let resolve = |position| {
         let place = Place { position, frame: manner.frame, altitude: manner.altitude };
         site.grid_from_place(database, &place, 0.0)
@@ -194,7 +179,7 @@ fn ask_database(
             more: None,
         });
     };
-    let answer = Lines::new(database, pyramid).ask(a, b, manner.options)?;
+    let answer = Lines::new(database).ask(a, b, manner.options)?;
     // Derived values are exact about where the line goes under; beside another verdict they would contradict it.
     let derived = match manner.options.precision {
         Precision::Exact => los::derive(database, a, b, manner.options)?,

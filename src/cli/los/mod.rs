@@ -64,7 +64,7 @@ impl Args {
         if self.derive && self.precision != Precision::Exact {
             return Err(Failure::Usage("--derive needs --precision exact".into()));
         }
-        let asker = Asker::open(&self.target, self.precision)?;
+        let asker = Asker::open(&self.target)?;
         let earth = asker.earth(self.earth)?;
         if self.derive && asker.is_server() {
             return Err(Failure::Usage("--derive needs a database".into()));

@@ -152,7 +152,7 @@ impl Profile {
         });
         Ok(Self {
             ends,
-            verdict: Lines::new(database, None).ask(a, b, Options::default())?.verdict,
+            verdict: Lines::new(database).ask(a, b, Options::default())?.verdict,
             range_m,
             heights_m: [a[2] * scale.up_m, b[2] * scale.up_m],
             rows: rows.collect(),

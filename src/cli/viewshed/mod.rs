@@ -19,7 +19,7 @@ use super::{
 use crate::{
     database::Database,
     exercise::{Place, Site},
-    los::{Pyramid, Region, Summary, Tile, View, ViewshedError, viewshed, viewshed_extent},
+    los::{Region, Summary, Tile, View, ViewshedError, viewshed, viewshed_extent},
     terrain::{Georeference, HeightField},
 };
 
@@ -183,12 +183,8 @@ fn look(
     let (_, cells) = viewshed_extent(HeightField::grid(database), view).map_err(failure)?;
     let mut progress = Progress::new(context, "posts");
     progress.tell("viewshed", 0, cells);
-    // Bounds of blocks make the queries faster that a sweep leaves; building them takes as long as a large sweep.
-    let large = cells > HeightField::grid(database).posts() / 2;
-    let pyramid = large.then(|| Pyramid::build(database)).transpose();
-    let pyramid = pyramid.map_err(|error| Failure::Input(error.to_string()))?;
     let mut broken = None;
-    let summary = viewshed(database, pyramid.as_ref(), view, |tile, at| {
+    let summary = viewshed(database, view, |tile, at| {
         progress.at(at.done, at.total);
         match receive(&tile) {
             Ok(()) => ControlFlow::Continue(()),

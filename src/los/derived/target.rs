@@ -30,7 +30,7 @@ where
     let level = Line::new(a, [b[0], b[1], a[2]], options.earth);
     let seen = view(&mut Walk::new(field, a, level.b), level)?;
     let (Some(crest), false) = (seen.crest, seen.below) else { return Ok(None) };
-    let mut lines = Lines::new(field, None);
+    let mut lines = Lines::new(field);
     let options = Options { strict: options.strict, earth: options.earth, ..Options::default() };
     let mut blocked =
         |z: f64| -> Result<bool, LosError> { Ok(lines.ask(a, [b[0], b[1], z], options)?.verdict == Verdict::Blocked) };

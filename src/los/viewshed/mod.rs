@@ -35,7 +35,7 @@ use self::{
     fan::Fan,
     region::{Cells, REACH_LIMIT},
 };
-use super::{Earth, Lines, LosError, Options, Pyramid, Verdict, check_finite, on_ground, surface::two_sum};
+use super::{Earth, Lines, LosError, Options, Verdict, check_finite, on_ground, surface::two_sum};
 use crate::terrain::{Grid, HeightField, PAGE_POSTS, PAGE_SIDE, PageId, Posts, SceneScale};
 
 /// Which posts to look at; those outside the grid are left out.
@@ -149,8 +149,8 @@ pub enum ViewshedError {
 }
 
 /// The viewshed of `view`: every cell goes to `sink` exactly once, in tiles. All cores work on it; the answer does not
-/// depend on how many there are, and a `pyramid` only makes it faster.
-pub fn viewshed<H, S>(field: &H, pyramid: Option<&Pyramid>, view: &View, mut sink: S) -> Result<Summary, ViewshedError>
+/// depend on how many there are.
+pub fn viewshed<H, S>(field: &H, view: &View, mut sink: S) -> Result<Summary, ViewshedError>
 where
     H: HeightField + ?Sized,
     S: FnMut(Tile, Progress) -> ControlFlow<()>,
@@ -159,8 +159,8 @@ where
     check_finite(view.observer, ["x", "y", "z"])?;
     check_finite([x, y, view.target_height], ["x", "y", "target height"])?;
     let cells = Cells::new(field.grid(), [x, y], view.region)?;
-    let asker = Asker { field, pyramid, view, cells: &cells };
-    let own = Lines::new(field, pyramid).ask(view.observer, view.observer, asker.options())?;
+    let asker = Asker { field, view, cells: &cells };
+    let own = Lines::new(field).ask(view.observer, view.observer, asker.options())?;
     let mut delivery = Delivery { cells: &cells, sink: &mut sink, open: Tiles::new(), summary: Summary::default() };
     let bend: f64 = view.earth.coefficients().iter().sum();
     let trusted = cells.reach() < REACH_LIMIT && z.abs() < TAME && bend * REACH_LIMIT * REACH_LIMIT < TAME;
@@ -256,7 +256,6 @@ impl<S: FnMut(Tile, Progress) -> ControlFlow<()>> Delivery<'_, S> {
 /// Whom to ask about one cell.
 struct Asker<'a, H: HeightField + ?Sized> {
     field: &'a H,
-    pyramid: Option<&'a Pyramid>,
     view: &'a View,
     cells: &'a Cells,
 }
@@ -267,7 +266,7 @@ impl<'a, H: HeightField + ?Sized> Asker<'a, H> {
     }
 
     fn lines(&self) -> Lines<'a, H> {
-        Lines::new(self.field, self.pyramid)
+        Lines::new(self.field)
     }
 
     /// The verdict on the target over a known post of height `z`.

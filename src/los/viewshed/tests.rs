@@ -6,10 +6,10 @@ use super::*;
 use crate::terrain::{MemoryField, synthetic};
 
 /// The verdict on each cell of a region, in order of rows, after checking that each came once.
-fn cells<H: HeightField>(field: &H, pyramid: Option<&Pyramid>, view: &View) -> (Vec<([u32; 2], Verdict)>, Summary) {
+fn cells<H: HeightField>(field: &H, view: &View) -> (Vec<([u32; 2], Verdict)>, Summary) {
     let mut cells = Vec::new();
     let mut reported = 0;
-    let summary = viewshed(field, pyramid, view, |tile, progress| {
+    let summary = viewshed(field, view, |tile, progress| {
         for (n, &verdict) in (0..).zip(&tile.cells) {
             let [i, j] = [tile.page.pi * PAGE_SIDE + n % PAGE_SIDE, tile.page.pj * PAGE_SIDE + n / PAGE_SIDE];
             cells.extend(verdict.map(|verdict| ([j, i], verdict)));
@@ -27,10 +27,10 @@ fn cells<H: HeightField>(field: &H, pyramid: Option<&Pyramid>, view: &View) -> (
 
 /// Compares each cell with its own query; returns the summary.
 fn check<H: HeightField>(field: &H, view: &View) -> Summary {
-    let (cells, summary) = cells(field, None, view);
+    let (cells, summary) = cells(field, view);
     let mut posts = Posts::new(field);
     let options = Options { strict: view.strict, earth: view.earth, ..Options::default() };
-    let mut lines = Lines::new(field, None);
+    let mut lines = Lines::plain(field);
     for ([i, j], verdict) in cells {
         let (x, y) = (f64::from(i), f64::from(j));
         let expected = match on_ground(field, x, y, view.target_height).unwrap() {
@@ -101,7 +101,7 @@ proptest! {
         let region = radius.map_or(everything(), |metres| Region::Radius { metres, scale });
         let earth = Earth::curved(bend[0], bend[1]).unwrap();
         let view = View { observer: [x, y, z], target_height, region, strict, earth };
-        let empty = viewshed(&field, None, &view, |_, _| ControlFlow::Break(())) == Err(ViewshedError::EmptyRegion);
+        let empty = viewshed(&field, &view, |_, _| ControlFlow::Break(())) == Err(ViewshedError::EmptyRegion);
         prop_assume!(!empty);
         check(&field, &view);
     }
@@ -147,17 +147,15 @@ fn a_lake_of_voids_is_seen_across_as_unknown() {
 }
 
 #[test]
-fn a_pyramid_and_the_number_of_threads_change_nothing() {
+fn the_number_of_threads_changes_nothing() {
     let field = synthetic::fractal(150, 130, 9, 300).unwrap();
-    let pyramid = Pyramid::build(&field).unwrap();
     let z = on_ground(&field, 70.0, 60.5, 3.0).unwrap().unwrap();
     let scale = SceneScale { east_m: 2.0, north_m: 3.0, up_m: 1.0 };
     let region = Region::Radius { metres: 140.0, scale };
     let view = View { observer: [70.0, 60.5, z], target_height: 0.5, region, strict: false, earth: Earth::Flat };
-    let expected = cells(&field, None, &view);
-    assert_eq!(cells(&field, Some(&pyramid), &view), expected);
+    let expected = cells(&field, &view);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    assert_eq!(pool.install(|| cells(&field, None, &view)), expected);
+    assert_eq!(pool.install(|| cells(&field, &view)), expected);
 }
 
 #[test]
@@ -172,7 +170,7 @@ fn a_radius_holds_the_posts_within_it() {
         strict: false,
         earth: Earth::Flat,
     };
-    let (cells, summary) = cells(&field, None, &view);
+    let (cells, summary) = cells(&field, &view);
     let within = |i: u32, j: u32| {
         let (east, north) = ((f64::from(i) - 30.0) * 10.0, (f64::from(j) - 40.0) * 25.0);
         east * east + north * north <= 250.0 * 250.0
@@ -195,7 +193,7 @@ fn huge_heights_and_far_observers_are_asked() {
 #[test]
 fn what_makes_no_sense_is_refused() {
     let field = synthetic::fractal(20, 20, 1, 10).unwrap();
-    let ask = |view: View| viewshed(&field, None, &view, |_, _| ControlFlow::Continue(())).unwrap_err();
+    let ask = |view: View| viewshed(&field, &view, |_, _| ControlFlow::Continue(())).unwrap_err();
     let view = View {
         observer: [5.0, 5.0, 50.0],
         target_height: 0.0,
@@ -209,6 +207,6 @@ fn what_makes_no_sense_is_refused() {
     assert_eq!(ask(View { observer: [100.0, 0.0, 0.0], ..radius(5.0) }), ViewshedError::EmptyRegion);
     assert!(matches!(ask(View { target_height: f64::NAN, ..view }), ViewshedError::Los(LosError::NotFinite { .. })));
     assert!(matches!(ask(View { observer: [f64::NAN; 3], ..view }), ViewshedError::Los(LosError::NotFinite { .. })));
-    let stopped = viewshed(&field, None, &view, |_, _| ControlFlow::Break(()));
+    let stopped = viewshed(&field, &view, |_, _| ControlFlow::Break(()));
     assert_eq!(stopped, Err(ViewshedError::Stopped));
 }

@@ -92,7 +92,7 @@ impl Batch {
         let numbers: Vec<usize> = lines.collect();
         let share = |share: &[usize]| -> Result<Vec<Brief>, Status> {
             wanted.check()?;
-            let mut asked = Lines::new(terrain, None);
+            let mut asked = Lines::new(terrain);
             share.iter().map(|&n| self.answer_one(n, terrain, site, &mut asked)).collect()
         };
         let shares: Vec<_> = numbers.par_chunks(SHARE_LINES).map(share).collect();

@@ -61,7 +61,7 @@ impl ViewshedRequest {
         let Options { strict, earth, .. } = self.options;
         let view = View { observer, target_height: self.target_height, region: self.region, strict, earth };
         let mut end = Ok(());
-        let found = viewshed(terrain, None, &view, |tile: Tile, progress| {
+        let found = viewshed(terrain, &view, |tile: Tile, progress| {
             end = send(sender, wanted, tile_to_wire(&tile, progress));
             if end.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         });
@@ -132,7 +132,7 @@ impl Matrix {
                 let answer = lines.ask(from, to, self.options).map_err(|error| named(row, error.into_status()))?;
                 Ok(convert::verdict_to_wire(Some(answer.verdict)).0.into())
             };
-            let others = points[row + 1..].par_iter().map_init(|| Lines::new(terrain, None), verdict);
+            let others = points[row + 1..].par_iter().map_init(|| Lines::new(terrain), verdict);
             let verdicts: Vec<Result<i32, Status>> = others.collect();
             let verdicts = verdicts.into_iter().collect::<Result<_, _>>()?;
             send(sender, wanted, v1::QueryIntervisibilityResponse { row: row as u32, verdicts })?;

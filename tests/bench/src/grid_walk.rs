@@ -19,7 +19,8 @@ impl GridWalk {
             for pi in 0..field.grid().pages().0 {
                 let page = field.page(PageId { pi, pj: j / PAGE_SIDE })?;
                 let west = pi * PAGE_SIDE;
-                let posts = (west..(west + PAGE_SIDE).min(nx as u32)).map(|i| page.at(i - west, j % PAGE_SIDE).z as f32);
+                let posts =
+                    (west..(west + PAGE_SIDE).min(nx as u32)).map(|i| page.at(i - west, j % PAGE_SIDE).z as f32);
                 heights.extend(posts);
             }
         }

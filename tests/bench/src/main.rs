@@ -12,7 +12,7 @@ use std::{error::Error, path::Path, time::Instant};
 
 use sightline::{
     database::{Database, OpenOptions},
-    los::{Lines, Options, Precision, Pyramid, Verdict, on_ground},
+    los::{Lines, Options, Precision, Verdict, on_ground},
     terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, synthetic},
 };
 
@@ -44,14 +44,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some(path) => cut(Path::new(path), side)?,
         None => (synthetic::fractal(side, side, 1, 1000)?, [SYNTHETIC_POST_M; 2], 1.0),
     };
-    let started = Instant::now();
-    let pyramid = Pyramid::build(&field)?;
-    println!("pyramid: {:.0} ms to build, {} bytes", started.elapsed().as_secs_f64() * 1e3, pyramid.bytes());
     let grid_walk = GridWalk::new(&field)?;
     let parry = Parry::new(&field)?;
     for (name, count, reach_m) in [("long", 20_000, f64::INFINITY), ("short", 200_000, SHORT_M)] {
         let lines = draw(&field, count, reach_m, post_m, ABOVE_M / unit_m)?;
-        compare(name, &field, &pyramid, &grid_walk, &parry, &lines)?;
+        compare(name, &field, &grid_walk, &parry, &lines)?;
     }
     Ok(())
 }
@@ -62,8 +59,8 @@ fn cut(path: &Path, side: u32) -> Result<(MemoryField, [f64; 2], f64), Box<dyn E
     let (nx, ny) = (database.grid().nx().min(side), database.grid().ny().min(side));
     let mut posts = sightline::terrain::Posts::new(&database);
     let mut failure = None;
-    let field = MemoryField::from_fn(nx, ny, |i, j| {
-        match posts.page(PageId { pi: i / PAGE_SIDE, pj: j / PAGE_SIDE }) {
+    let field =
+        MemoryField::from_fn(nx, ny, |i, j| match posts.page(PageId { pi: i / PAGE_SIDE, pj: j / PAGE_SIDE }) {
             Ok(page) => {
                 let post = page.at(i % PAGE_SIDE, j % PAGE_SIDE);
                 (!post.void).then_some(post.z)
@@ -72,14 +69,19 @@ fn cut(path: &Path, side: u32) -> Result<(MemoryField, [f64; 2], f64), Box<dyn E
                 failure = Some(error);
                 None
             }
-        }
-    })?;
+        })?;
     let scale = database.scale();
     failure.map_or(Ok((field, [scale.east_m, scale.north_m], scale.up_m)), |error| Err(error.into()))
 }
 
 /// Lines with both ends above known ground, the same in every run.
-fn draw(field: &MemoryField, count: u64, reach_m: f64, post_m: [f64; 2], above: f64) -> Result<Vec<Line>, Box<dyn Error>> {
+fn draw(
+    field: &MemoryField,
+    count: u64,
+    reach_m: f64,
+    post_m: [f64; 2],
+    above: f64,
+) -> Result<Vec<Line>, Box<dyn Error>> {
     let limits = [f64::from(field.grid().nx() - 1), f64::from(field.grid().ny() - 1)];
     let mut lines = Vec::new();
     for n in 0.. {
@@ -87,7 +89,11 @@ fn draw(field: &MemoryField, count: u64, reach_m: f64, post_m: [f64; 2], above: 
         let from = [limits[0] * unit(0), limits[1] * unit(1)];
         let to = [0, 1].map(|k| {
             let reach = reach_m / post_m[k];
-            if reach.is_finite() { from[k] + reach * (2.0 * unit(k as u64 + 2) - 1.0) } else { limits[k] * unit(k as u64 + 2) }
+            if reach.is_finite() {
+                from[k] + reach * (2.0 * unit(k as u64 + 2) - 1.0)
+            } else {
+                limits[k] * unit(k as u64 + 2)
+            }
         });
         let apart_m = [0, 1].map(|k| (to[k] - from[k]) * post_m[k]);
         if apart_m[0] * apart_m[0] + apart_m[1] * apart_m[1] > reach_m * reach_m {
@@ -120,16 +126,14 @@ fn time(name: &'static str, lines: &[Line], mut ask: impl FnMut(&Line) -> bool) 
 fn compare(
     what: &str,
     field: &MemoryField,
-    pyramid: &Pyramid,
     grid_walk: &GridWalk,
     parry: &Parry,
     lines: &[Line],
 ) -> Result<(), Box<dyn Error>> {
     let blocks = |verdict: Verdict| verdict == Verdict::Blocked;
-    let exactly = |[a, b]: Line| -> Result<bool, Box<dyn Error>> {
-        Ok(blocks(Lines::new(field, None).ask(a, b, EXACT)?.verdict))
-    };
-    let (mut walked, mut skipping) = (Lines::new(field, None), Lines::new(field, Some(pyramid)));
+    let exactly =
+        |[a, b]: Line| -> Result<bool, Box<dyn Error>> { Ok(blocks(Lines::plain(field).ask(a, b, EXACT)?.verdict)) };
+    let (mut walked, mut skipping) = (Lines::plain(field), Lines::new(field));
     let mut unread = false;
     let runs = [
         time("exact, skipping", lines, |&[a, b]| {
@@ -137,12 +141,8 @@ fn compare(
             unread |= answer.is_err();
             answer.is_ok_and(|answer| blocks(answer.verdict))
         }),
-        time("exact, walking", lines, |&[a, b]| {
-            walked.ask(a, b, EXACT).is_ok_and(|answer| blocks(answer.verdict))
-        }),
-        time("f64, skipping", lines, |&[a, b]| {
-            skipping.ask(a, b, F64).is_ok_and(|answer| blocks(answer.verdict))
-        }),
+        time("exact, walking", lines, |&[a, b]| walked.ask(a, b, EXACT).is_ok_and(|answer| blocks(answer.verdict))),
+        time("f64, skipping", lines, |&[a, b]| skipping.ask(a, b, F64).is_ok_and(|answer| blocks(answer.verdict))),
         time("f32, skipping", lines, |&[a, b]| skipping.ask(a, b, FAST).is_ok_and(|answer| blocks(answer.verdict))),
         time("within 1 unit", lines, |&[a, b]| skipping.ask(a, b, TOLERANT).is_ok_and(|answer| blocks(answer.verdict))),
         time("grid walk, f64", lines, |&line| grid_walk.is_blocked(line)),
@@ -159,7 +159,13 @@ fn compare(
             wrong += usize::from(exactly(moved(NEAR))? == exactly(moved(-NEAR))? && run.blocked[n] != truth[n]);
         }
         let rate = lines.len() as f64 / run.seconds;
-        println!("{:18} {:12.3} {:9.2} {:8.2} {wrong:7}", run.name, rate / 1e6, 1e6 / rate, runs[0].seconds / run.seconds);
+        println!(
+            "{:18} {:12.3} {:9.2} {:8.2} {wrong:7}",
+            run.name,
+            rate / 1e6,
+            1e6 / rate,
+            runs[0].seconds / run.seconds
+        );
     }
     if unread { Err("the terrain could not be read".into()) } else { Ok(()) }
 }
