@@ -14,11 +14,15 @@ use crate::view::{Appraisal, Motion};
 const MOST_TICKS: u32 = List::BUCKETS as u32 - 2;
 /// Share of the priority at the cut by which a guard keeps its distance from it. Wider, more posts are computed in each
 /// frame; narrower, the guards must be moved more often. Measured.
-pub(super) const GAP: f64 = 1.0 / 512.0;
+pub(super) const GAP: f64 = 1.0 / 1024.0;
 /// Share of the priority at the cut that a guard may move in a tick.
-const GUARD_RATE: f64 = 1.0 / 2048.0;
+const GUARD_RATE: f64 = 1.0 / 4096.0;
 /// Rates are chosen anew when what is wanted differs by more than this factor.
 const TOLERANCE: f64 = 2.5;
+/// Turn in a tick from which nothing is put off: so much enters and leaves the picture that promises would be short, and
+/// making them costs more than computing priorities. At 60 degrees a second and 60 frames a second two thirds of the
+/// priorities were due in each frame, and a frame took a third longer than without promises.
+const MOST_TURN: f64 = 1.0 / 128.0;
 /// Least motion in a tick: below it, everything can be put off for the longest time anyway.
 const LEAST_SHIFT_M: f64 = 1e-3;
 /// Metres at which a turn that is not meant at all may count as much as the shift: keeps noise from being a rate.
@@ -118,6 +122,11 @@ impl Pace {
             return f64::INFINITY;
         }
         (motion.shift_m / self.rate.motion.shift_m).max(motion.turn / self.rate.motion.turn)
+    }
+
+    /// Whether putting off is not worth while.
+    pub(super) fn turns_fast(&self) -> bool {
+        self.rate.motion.turn > MOST_TURN
     }
 
     /// Whether new rates were chosen.

@@ -349,10 +349,11 @@ impl<T: Terrain> DualQueue<T> {
     /// Computes the hot posts of a side and puts off those that are beyond its guard for a while.
     fn sort_out(&mut self, side: Side) {
         let guard = *self.guard(side);
+        let puts_off = self.options.deferral && !self.pace.turns_fast();
         let mut next = self.nodes.first(List::hot(side));
         while let Some(slot) = next {
             next = self.nodes.after(slot);
-            let list = if self.options.deferral { self.appraise(slot, &guard) } else { self.evaluate(slot) };
+            let list = if puts_off { self.appraise(slot, &guard) } else { self.evaluate(slot) };
             if list != List::hot(side) {
                 self.nodes.put(slot, list);
             }
