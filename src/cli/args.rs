@@ -114,37 +114,27 @@ pub struct EarthShape {
     earth: EarthName,
     /// Radius R of the sphere in metres; the default is the Earth's mean radius.
     #[arg(long, value_name = "METRES", default_value_t = EARTH_RADIUS_M)]
-    radius: f64,
+    earth_radius: f64,
     /// Factor k of refraction, by which the radius is enlarged: 1 is none, 1.15 usual for light, 1.333 for radio.
     #[arg(long, value_name = "K", default_value_t = 1.0)]
     refraction: f64,
 }
 
-/// The shape of the Earth by name.
 #[derive(clap::ValueEnum, Clone, Copy, PartialEq, Debug)]
-pub enum EarthName {
-    /// Lines are straight.
+enum EarthName {
     Flat,
-    /// Lines are lowered by the bulge of a sphere.
     Sphere,
 }
 
 impl EarthShape {
-    /// A shape with the Earth's mean radius.
-    pub fn of(earth: EarthName, refraction: f64) -> Self {
-        Self { earth, radius: EARTH_RADIUS_M, refraction }
-    }
-
-    /// Whether lines are straight.
-    pub fn is_flat(self) -> bool {
-        self.earth == EarthName::Flat
+    /// Radius in metres and factor of refraction; `None` where lines are straight.
+    pub fn sphere(self) -> Option<(f64, f64)> {
+        (self.earth == EarthName::Sphere).then_some((self.earth_radius, self.refraction))
     }
 
     /// The shape under a grid of that scale.
     pub fn earth(self, scale: SceneScale) -> Result<Earth, Failure> {
-        if self.is_flat() {
-            return Ok(Earth::Flat);
-        }
-        Earth::sphere(self.radius, self.refraction, scale).map_err(|error| Failure::Usage(error.to_string()))
+        let Some((radius_m, refraction)) = self.sphere() else { return Ok(Earth::Flat) };
+        Earth::sphere(radius_m, refraction, scale).map_err(|error| Failure::Usage(error.to_string()))
     }
 }

@@ -15,16 +15,18 @@ const VERBS: [(&str, &str, &str); 14] = [
     (
         "los",
         "<TARGET>",
-        "--from --to --batch -o --coords --altitude --precision --strict --derive --earth --radius --refraction --force",
+        "--from --to --batch -o --coords --altitude --precision --strict --derive --earth --earth-radius --refraction \
+         --force",
     ),
     ("profile", "<DB>", "-o --from --to --coords --altitude --force"),
     (
         "viewshed",
         "<DB>",
-        "-o --from --radius --target-height --coords --altitude --strict --earth --refraction --force",
+        "-o --from --radius --target-height --coords --altitude --strict --earth --earth-radius --refraction \
+         --force",
     ),
     ("height", "<DB>", "--at --batch -o --coords --force"),
-    ("matrix", "<DB>", "--points -o --coords --altitude --strict --earth --radius --refraction --force"),
+    ("matrix", "<DB>", "--points -o --coords --altitude --strict --earth --earth-radius --refraction --force"),
     (
         "mesh",
         "<DB>",

@@ -81,12 +81,12 @@ fn a_curved_earth_lowers_lines() {
     // 80 m long, half a unit above the ridge: a sphere of 1000 m bulges by 0.8 m.
     let high = ["--from", "100,220,4.5", "--to", "180,220,4.5"];
     let by = |more: &[&str]| ask(&database, &[&high[..], more].concat())["verdict"].clone();
-    assert_eq!(by(&["--earth", "flat", "--radius", "1000"]), "VISIBLE");
+    assert_eq!(by(&["--earth", "flat", "--earth-radius", "1000"]), "VISIBLE");
     assert_eq!(by(&["--earth", "sphere"]), "VISIBLE");
-    assert_eq!(by(&["--earth", "sphere", "--radius", "1000"]), "BLOCKED");
-    assert_eq!(by(&["--earth", "sphere", "--radius", "1000", "--refraction", "2"]), "VISIBLE");
+    assert_eq!(by(&["--earth", "sphere", "--earth-radius", "1000"]), "BLOCKED");
+    assert_eq!(by(&["--earth", "sphere", "--earth-radius", "1000", "--refraction", "2"]), "VISIBLE");
     let target = database.to_str().unwrap();
-    let refused = sightline(&[&["los", target, "--earth", "sphere", "--radius", "-1"], &high[..]].concat());
+    let refused = sightline(&[&["los", target, "--earth", "sphere", "--earth-radius", "-1"], &high[..]].concat());
     assert_eq!(status(&refused), 2, "{}", text(&refused.stderr));
 }
 

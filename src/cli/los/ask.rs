@@ -23,6 +23,8 @@ pub(super) struct Manner {
     pub(super) frame: Frame,
     pub(super) altitude: Altitude,
     pub(super) options: Options,
+    /// As it was asked for: what a server is told.
+    pub(super) earth: EarthShape,
     /// Whether to add what takes longer.
     pub(super) derive: bool,
 }
@@ -86,12 +88,11 @@ impl Asker {
         Ok(Self::Server(client, runtime))
     }
 
-    /// The shape of the Earth under the terrain. Servers know a flat one.
+    /// The shape of the Earth under the terrain; a server works it out for itself.
     pub(super) fn earth(&self, shape: EarthShape) -> Result<Earth, Failure> {
         match self {
             Self::Database(_, site) => shape.earth(site.scale),
-            Self::Server(..) if shape.is_flat() => Ok(Earth::Flat),
-            Self::Server(..) => Err(Failure::Usage("--earth sphere needs a database".into())),
+            Self::Server(..) => Ok(Earth::Flat),
         }
     }
 
@@ -110,7 +111,7 @@ impl Asker {
                     b,
                     strict: manner.options.strict,
                     derive: manner.options.precision == Precision::Exact,
-                    options: Some(options_to_wire(manner.options)),
+                    options: Some(options_to_wire(manner)),
                 };
                 runtime.block_on(client.query(request)).map_err(client_failure).map(reply_from_wire)
             }
@@ -141,7 +142,7 @@ impl Asker {
                 frame: frame_to_wire(manner.frame).into(),
                 altitude: altitude_to_wire(manner.altitude).into(),
                 strict: manner.options.strict,
-                options: Some(options_to_wire(manner.options)),
+                options: Some(options_to_wire(manner)),
                 ax: column(0, 0),
                 ay: column(0, 1),
                 az: column(0, 2),
@@ -226,14 +227,15 @@ fn altitude_to_wire(altitude: Altitude) -> v1::AltitudeReference {
     }
 }
 
-fn options_to_wire(options: Options) -> v1::QueryOptions {
-    let (precision, tolerance) = match options.precision {
+fn options_to_wire(manner: Manner) -> v1::QueryOptions {
+    let (precision, tolerance) = match manner.options.precision {
         Precision::Exact => (v1::Precision::Exact, 0.0),
         Precision::F64 => (v1::Precision::F64, 0.0),
         Precision::Fast => (v1::Precision::Fast, 0.0),
         Precision::Tolerance(tolerance) => (v1::Precision::Tolerance, tolerance),
     };
-    v1::QueryOptions { precision: precision.into(), tolerance, sphere: None }
+    let sphere = manner.earth.sphere().map(|(radius_m, refraction)| v1::SphericalEarth { radius_m, refraction });
+    v1::QueryOptions { precision: precision.into(), tolerance, sphere }
 }
 
 fn end_to_wire(manner: Manner, [x, y, z]: [f64; 3]) -> v1::SightLineEnd {

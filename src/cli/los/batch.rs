@@ -62,7 +62,7 @@ pub(super) fn run(
     let (csv, verdicts, answers) = match asker.ask_all(manner, &table.ends) {
         Some(replies) => {
             let replies = replies.map_err(named)?;
-            if manner.options.earth.is_flat() {
+            if manner.earth.sphere().is_none() {
                 warn_of_curvature(context, &replies);
             }
             let verdicts: Vec<Brief> = replies.iter().map(|r| (r.verdict, r.grazes)).collect();

@@ -73,12 +73,13 @@ impl Args {
             frame: self.positions.frame(),
             altitude: self.positions.altitude(),
             options: Options { strict: self.strict, precision: self.precision, earth },
+            earth: self.earth,
             derive: self.derive,
         };
         match (self.from, self.to, &self.batch) {
             (Some(Point(a)), Some(Point(b)), None) => {
                 let reply = asker.ask(manner, [a, b])?;
-                if earth.is_flat() {
+                if self.earth.sphere().is_none() {
                     warn_of_curvature(context, &reply);
                 }
                 if context.json {

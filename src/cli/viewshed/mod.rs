@@ -10,7 +10,7 @@ use serde_json::json;
 use self::{geotiff::GeoTiff, picture::Map};
 use super::{
     Context, Failure,
-    args::{EarthName, EarthShape, Point, Positions},
+    args::{EarthShape, Point, Positions},
     info,
     los::ask::place_failure,
     output::Output,
@@ -57,12 +57,8 @@ pub(super) struct Args {
     /// Whether touching the ground before the target blocks, too.
     #[arg(long)]
     strict: bool,
-    /// Lines are straight over a flat Earth, or lowered by the bulge of a sphere of its mean radius.
-    #[arg(long, value_enum, default_value_t = EarthName::Flat)]
-    earth: EarthName,
-    /// Factor of refraction, by which the Earth's radius is enlarged: 1 is none, 1.15 usual for light, 1.333 for radio.
-    #[arg(long, value_name = "K", default_value_t = 1.0)]
-    refraction: f64,
+    #[command(flatten)]
+    earth: EarthShape,
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
@@ -117,7 +113,7 @@ impl Args {
         };
         let region = Region::Radius { metres: self.radius, scale };
         let target_height = self.target_height / scale.up_m;
-        let earth = EarthShape::of(self.earth, self.refraction).earth(scale)?;
+        let earth = self.earth.earth(scale)?;
         Ok(View { observer, target_height, region, strict: self.strict, earth })
     }
 
