@@ -342,3 +342,41 @@ fn normals_are_those_of_the_triangle() {
     let lone = ground(&lone, scale, 1.0, 1.0).unwrap().unwrap();
     assert_eq!((lone.height, lone.triangle, lone.normal), (7.0, None, None));
 }
+
+/// What is passed over changes nothing: the same with every crossing looked at.
+#[test]
+fn passing_over_stretches_changes_no_derived_value() {
+    let rough = synthetic::fractal(300, 270, 5, 60).unwrap();
+    let holed = MemoryField::from_fn(300, 270, |i, j| {
+        let void = synthetic::mix(u64::from(i / 3 * 1000 + j / 2)).is_multiple_of(900);
+        (!void).then(|| f64::from(synthetic::fractal_height(i, j, 5, 60)))
+    })
+    .unwrap();
+    let lakes = MemoryField::from_fn(300, 270, |i, j| Some(f64::from(synthetic::fractal_height(i, j, 9, 60).max(3))));
+    let curved = Earth::curved(3e-3, 2e-3).unwrap();
+    for field in [rough, holed, lakes.unwrap()] {
+        for n in 0..240 {
+            let [a, b] = super::tests::manufactured(n, 269.0);
+            let (mut plain, mut passing) = (walk::Walk::new(&field, a, b), walk::Walk::new(&field, a, b));
+            plain.manner.plain = true;
+            let mut walks = [&mut plain, &mut passing];
+            for earth in [Earth::Flat, curved] {
+                let options = Options { earth, strict: n.is_multiple_of(3), ..Options::default() };
+                let line = earth::Line::new(a, b, earth);
+                let level = earth::Line::new(a, [b[0], b[1], a[2]], earth);
+                let derived = walks.each_mut().map(|walk| derived::derive_on(walk, a, b, options).unwrap());
+                assert_eq!(derived[0], derived[1], "line {n}: {a:?} {b:?} {earth:?}");
+                let stretches = walks.each_mut().map(|w| derived::stretches::line_stretches_on(w, line).unwrap());
+                assert_eq!(stretches[0], stretches[1], "line {n}: {a:?} {b:?} {earth:?}");
+                let views = walks.each_mut().map(|walk| derived::crest::view(walk, level).unwrap());
+                assert_eq!(views[0], views[1], "line {n}: {a:?} {b:?} {earth:?}");
+                if earth.is_flat() {
+                    let ground = walks.each_mut().map(|w| derived::stretches::ground_stretches_on(w, level).unwrap());
+                    assert_eq!(ground[0], ground[1], "line {n}: {a:?} {b:?}");
+                    let found = walks.each_mut().map(|walk| derived::witness::witnesses_on(walk, a, b).unwrap());
+                    assert_eq!(found[0], found[1], "line {n}: {a:?} {b:?}");
+                }
+            }
+        }
+    }
+}

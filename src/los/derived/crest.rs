@@ -2,7 +2,10 @@
 
 use sightline_proto::predicates::Sign;
 
-use super::event::{Chord, Event, Events};
+use super::{
+    ahead::Stretch,
+    event::{Chord, Event, Events},
+};
 use crate::{
     los::{
         earth::{At, Line},
@@ -40,7 +43,17 @@ where
     let mut events = Events::new(walk, level);
     let mut view = View { crest: None, below: false, unknown: false };
     let mut last: Option<Event> = None;
-    while let Some(event) = events.step()? {
+    loop {
+        if let (Some(_), Some(crest)) = (last, view.crest) {
+            // Ground below the line over the crest; what is lost in rounding is less than the crest is rounded by.
+            let over = |t: f64| level.a[2] + crest.rise * t - level.bulge(t);
+            let hidden = |stretch: &Stretch| {
+                let [from, to] = stretch.ends.map(over);
+                from.min(to) - stretch.sag > stretch.ground
+            };
+            last = events.pass(hidden)?.or(last);
+        }
+        let Some(event) = events.step()? else { break };
         let chord = last.and_then(|last| Chord::new(&level, last, event));
         view.unknown |= !event.is_known() || last.is_some() && chord.is_none() || last.is_none() && event.at != At::A;
         if event.at == At::A {

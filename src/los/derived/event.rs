@@ -16,6 +16,7 @@ use sightline_proto::{
 
 use super::{
     Place,
+    ahead::{Ahead, Stretch},
     trail::{Step, Trail},
 };
 use crate::{
@@ -185,6 +186,10 @@ pub(in crate::los) struct Events<'w, 'a, H: HeightField + ?Sized> {
     trail: Option<Trail>,
     /// 0 before A, 1 between, 2 after B.
     stage: u8,
+    ahead: Option<Ahead>,
+    /// The length in t of the next stretch to be tried, and from where on to try again.
+    stride: f64,
+    try_from: f64,
     /// The greatest t so far: rounded ones of close crossings may be out of order by their errors, true ones are not.
     reached: f64,
 }
@@ -197,7 +202,45 @@ impl<'w, 'a, H: HeightField + ?Sized> Events<'w, 'a, H> {
         let grid = walk.posts.grid();
         let trail = Span::new(grid, a, b)
             .map(|span| Trail::new(Family::ALL.map(|family| Sweep::new(family, grid, span, a, b)), plan(a), plan(b)));
-        Self { walk, line, trail, stage: 0, reached: 0.0 }
+        let ahead = trail.as_ref().and_then(|trail| Ahead::new(walk, &line, &trail.sweeps));
+        let stride = ahead.as_ref().map_or(1.0, |ahead| ahead.leaf);
+        Self { walk, line, trail, stage: 0, ahead, stride, try_from: 0.0, reached: 0.0 }
+    }
+
+    /// Passes over stretches that are over known ground and of which `clear` says that nothing in them matters. Returns
+    /// the last event passed, if any was: all between the event before and this one is known and clear.
+    pub(in crate::los) fn pass(&mut self, clear: impl Fn(&Stretch) -> bool) -> Result<Option<Event>, ReadError> {
+        let (Some(ahead), Some(trail)) = (&self.ahead, &mut self.trail) else { return Ok(None) };
+        let begin = self.reached;
+        if self.stage != 1 || begin < self.try_from {
+            return Ok(None);
+        }
+        let mut t = begin;
+        while t < 1.0 {
+            let end = (t + self.stride).min(1.0);
+            if ahead.stretch(self.walk, t, end)?.is_some_and(|stretch| clear(&stretch)) {
+                t = end;
+                self.stride *= 2.0;
+            } else if self.stride > ahead.leaf {
+                self.stride /= 2.0;
+            } else {
+                self.try_from = end;
+                break;
+            }
+        }
+        if t == begin || !trail.pass(t) {
+            return Ok(None);
+        }
+        let Some(step) = trail.before() else { return Ok(None) };
+        let event = self.crossing(step)?;
+        Ok(event.map(|event| self.in_order(event)))
+    }
+
+    /// The event with a t that is not less than that of the one before.
+    fn in_order(&mut self, mut event: Event) -> Event {
+        self.reached = event.place.t.clamp(self.reached, 1.0);
+        event.place.t = self.reached;
+        event
     }
 
     /// The next event in the grid.
@@ -209,10 +252,8 @@ impl<'w, 'a, H: HeightField + ?Sized> Events<'w, 'a, H> {
             }
         }
         while let Some(step) = self.trail.as_mut().and_then(Trail::step) {
-            if let Some(mut event) = self.crossing(step)? {
-                self.reached = event.place.t.clamp(self.reached, 1.0);
-                event.place.t = self.reached;
-                return Ok(Some(event));
+            if let Some(event) = self.crossing(step)? {
+                return Ok(Some(self.in_order(event)));
             }
         }
         if self.stage == 1 {

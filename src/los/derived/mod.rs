@@ -5,14 +5,16 @@
 //! where the line goes under is off by more where it goes under at a small angle: by at most the error of the clearance
 //! divided by the slope at which line and ground part.
 //!
-//! All go along the events of AB in exact order and look at the chord between each two.
+//! All go along the events of AB in exact order and look at the chord between each two, except where the greatest
+//! heights of blocks show that nothing there matters ([`ahead`]).
 
+mod ahead;
 pub(super) mod crest;
 pub(super) mod event;
-mod stretches;
+pub(super) mod stretches;
 mod target;
 mod trail;
-mod witness;
+pub(super) mod witness;
 
 pub use stretches::{GroundState, LineState, Stretch, ground_stretches, line_stretches};
 pub use target::least_target_height;
@@ -75,8 +77,20 @@ where
 {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite(b, ["bx", "by", "bz"])?;
-    let mut walk = Walk::new(field, a, b);
-    let forth = survey(&mut walk, Line::new(a, b, options.earth), options.strict, Until::Beyond)?;
+    Ok(derive_on(&mut Walk::new(field, a, b), a, b, options)?)
+}
+
+/// [`derive()`] for finite ends.
+pub(super) fn derive_on<H>(
+    walk: &mut Walk<'_, H>,
+    a: [f64; 3],
+    b: [f64; 3],
+    options: Options,
+) -> Result<Derived, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let forth = survey(walk, Line::new(a, b, options.earth), options.strict, Until::Beyond)?;
     let blocked = forth.first.is_some();
     let least = forth.least.map(|least| least.place);
     let mut derived = Derived {
@@ -86,7 +100,7 @@ where
         least_clearance: least.filter(|_| !blocked),
     };
     if blocked {
-        let back = survey(&mut walk, Line::new(b, a, options.earth), options.strict, Until::Obstructed)?;
+        let back = survey(walk, Line::new(b, a, options.earth), options.strict, Until::Obstructed)?;
         let after = derived.deepest.map_or(0.0, |deepest| deepest.t);
         derived.first_from_b = back.first.map(|mut first| {
             // Rounded from the other end: what comes last must not seem to come first.
@@ -156,7 +170,16 @@ where
     let mut last: Option<Event> = None;
     // The first obstruction is known, and the triangle it lies in is not.
     let mut open = false;
-    while let Some(event) = events.step()? {
+    loop {
+        if last.is_some() && !open {
+            // Nothing obstructs there, nor is it as near as what is known.
+            let least = match until {
+                Until::Obstructed => 0.0,
+                Until::Beyond => found.least.map_or(f64::INFINITY, |least| least.place.clearance),
+            };
+            last = events.pass(|stretch| stretch.line - stretch.ground > least)?.or(last);
+        }
+        let Some(event) = events.step()? else { break };
         let chord = last.and_then(|last| Chord::new(&line, last, event));
         found.unknown |= found.first.is_none() && (!event.is_known() || last.is_some() && chord.is_none());
         found.unknown |= last.is_none() && !matches!(event.at, At::A);

@@ -17,7 +17,10 @@ use sightline_proto::{
     predicates::Sign,
 };
 
-use super::event::{Chord, Event, Events};
+use super::{
+    ahead,
+    event::{Chord, Event, Events},
+};
 use crate::{
     los::{
         LosError, check_finite,
@@ -25,7 +28,7 @@ use crate::{
         sweep::ROUNDOFF,
         walk::Walk,
     },
-    terrain::HeightField,
+    terrain::{HeightField, ReadError},
 };
 
 /// A greatest interval of t in one state.
@@ -81,9 +84,18 @@ where
 {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite(b, ["bx", "by", "bz"])?;
-    let line = Line::new(a, b, earth);
-    let mut walk = Walk::new(field, a, b);
-    let mut events = Events::new(&mut walk, line);
+    Ok(line_stretches_on(&mut Walk::new(field, a, b), Line::new(a, b, earth))?)
+}
+
+/// [`line_stretches`] for finite ends.
+pub(in crate::los) fn line_stretches_on<H>(
+    walk: &mut Walk<'_, H>,
+    line: Line,
+) -> Result<Vec<Stretch<LineState>>, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let mut events = Events::new(walk, line);
     let mut stretches = Stretches(Vec::new());
     let mut last: Option<Event> = None;
     let state = |event: &Event| match event.sign {
@@ -91,7 +103,14 @@ where
         Some(Sign::Negative) => LineState::Below,
         Some(_) => LineState::Above,
     };
-    while let Some(event) = events.step()? {
+    loop {
+        if let Some(before) = last.filter(|last| last.is_known() && !last.is_below())
+            && let Some(passed) = events.pass(|stretch| stretch.line > stretch.ground)?
+        {
+            stretches.add(LineState::Above, before.place.t, passed.place.t);
+            last = Some(passed);
+        }
+        let Some(event) = events.step()? else { break };
         let t = event.place.t;
         match last.map(|last| Chord::new(&line, last, event)) {
             Some(Some(chord)) => add_chord(&mut stretches, &chord),
@@ -144,11 +163,28 @@ where
     check_finite([b[0], b[1], 0.0], ["bx", "by", "bz"])?;
     // A level line: its clearance is how far the ground lies below A.
     let line = Line::new(a, [b[0], b[1], a[2]], Earth::Flat);
-    let mut walk = Walk::new(field, line.a, line.b);
-    let mut events = Events::new(&mut walk, line);
+    Ok(ground_stretches_on(&mut Walk::new(field, line.a, line.b), line)?)
+}
+
+/// [`ground_stretches`] under a level line with finite ends.
+pub(in crate::los) fn ground_stretches_on<H>(
+    walk: &mut Walk<'_, H>,
+    line: Line,
+) -> Result<Vec<Stretch<GroundState>>, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let mut events = Events::new(walk, line);
     let mut view = View { line, crest: None, below: false, unknown: false, stretches: Stretches(Vec::new()) };
     let mut last: Option<Event> = None;
-    while let Some(event) = events.step()? {
+    loop {
+        if let Some(before) = last.filter(Event::is_known)
+            && let Some(passed) = events.pass(|stretch| view.hides(stretch))?
+        {
+            view.stretches.add(view.state(true, true), before.place.t, passed.place.t);
+            last = Some(passed);
+        }
+        let Some(event) = events.step()? else { break };
         view.pass(last.as_ref(), &event);
         last = Some(event);
     }
@@ -197,6 +233,17 @@ impl View {
         if event.is_known() && event.at != At::A && self.against_crest(event) == Sign::Positive {
             self.crest = Some(*event);
         }
+    }
+
+    /// Whether all ground of a stretch, which is known, lies below the line over the crest.
+    fn hides(&self, stretch: &ahead::Stretch) -> bool {
+        let Some(crest) = &self.crest else { return false };
+        let (t, z) = (crest.place.t, self.line.a[2]);
+        let slope = -crest.place.clearance / t;
+        // The slope is off by the errors of clearance and t over t, and by roundings; doubled.
+        let error = 2.0 * (crest.error + slope.abs() * crest.t_error) / t + 16.0 * ROUNDOFF * (slope.abs() + z.abs());
+        // False when something is not a number.
+        stretch.ends.iter().all(|at| z + slope * at - error - f64::MIN_POSITIVE > stretch.ground)
     }
 
     /// The state of ground that the last crest hides, or does not.

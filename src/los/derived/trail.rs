@@ -79,6 +79,49 @@ impl Trail {
         Some(Step { sweep, n: head.n })
     }
 
+    /// The last crossing before those to come.
+    pub(in crate::los) fn before(&self) -> Option<Step> {
+        self.passed().map(|(sweep, head)| Step { sweep, n: head.n })
+    }
+
+    fn passed(&self) -> Option<(usize, Head)> {
+        let mut best: Option<(usize, Head)> = None;
+        for sweep in 0..4 {
+            let to_come = self.heads[sweep].map_or(self.sweeps[sweep].count, |head| head.n);
+            let Some(head) = self.head(sweep, to_come - 1) else { continue };
+            if best.is_none_or(|(other, at)| self.order((sweep, head), (other, at)) == Ordering::Greater) {
+                best = Some((sweep, head));
+            }
+        }
+        best
+    }
+
+    /// Passes over the crossings of a stretch that ends at `t`, as [`Sweep::until`] counts them; whether there are any.
+    ///
+    /// By its rounded number a crossing of one family may be passed and an earlier one of another not, so those that
+    /// come before the last one passed, or with it, follow: they are no further from the stretch than that one.
+    pub(in crate::los) fn pass(&mut self, t: f64) -> bool {
+        let mut any = false;
+        for sweep in 0..4 {
+            if let Some(head) = self.heads[sweep] {
+                let n = self.sweeps[sweep].until(t);
+                if n > head.n {
+                    any = true;
+                    self.heads[sweep] = self.head(sweep, n);
+                }
+            }
+        }
+        let Some((last, at)) = self.passed().filter(|_| any) else { return false };
+        for sweep in (0..4).filter(|&sweep| sweep != last) {
+            while let Some(head) = self.heads[sweep]
+                && self.order((sweep, head), (last, at)) != Ordering::Greater
+            {
+                self.heads[sweep] = self.head(sweep, head.n + 1);
+            }
+        }
+        true
+    }
+
     /// The order of two crossings of different families along AB; equal at a post.
     fn order(&self, (s1, x1): (usize, Head), (s2, x2): (usize, Head)) -> Ordering {
         let (first, second) = (&self.sweeps[s1], &self.sweeps[s2]);

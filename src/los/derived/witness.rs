@@ -9,7 +9,7 @@ use crate::{
         earth::{Earth, Line},
         walk::Walk,
     },
-    terrain::HeightField,
+    terrain::{HeightField, ReadError},
 };
 
 /// A point of a blocked line that lies strictly below known ground.
@@ -29,12 +29,26 @@ pub const MAX_WITNESSES: usize = 32;
 pub fn witnesses<H: HeightField + ?Sized>(field: &H, a: [f64; 3], b: [f64; 3]) -> Result<Vec<Witness>, LosError> {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite(b, ["bx", "by", "bz"])?;
-    let mut walk = Walk::new(field, a, b);
-    let mut events = Events::new(&mut walk, Line::new(a, b, Earth::Flat));
+    Ok(witnesses_on(&mut Walk::new(field, a, b), a, b)?)
+}
+
+/// [`witnesses`] for finite ends.
+pub(in crate::los) fn witnesses_on<H>(
+    walk: &mut Walk<'_, H>,
+    a: [f64; 3],
+    b: [f64; 3],
+) -> Result<Vec<Witness>, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let mut events = Events::new(walk, Line::new(a, b, Earth::Flat));
     let mut dips = Vec::new();
     // A dip is deeper than what comes before and no less deep than what comes after.
     let (mut before, mut candidate) = (0.0, None::<Event>);
     loop {
+        if before == 0.0 {
+            events.pass(|stretch| stretch.line > stretch.ground)?;
+        }
         let event = events.step()?;
         let depth = event.map_or(0.0, |event| event.depth());
         if let Some(dip) = candidate.take()
