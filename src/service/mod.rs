@@ -52,6 +52,8 @@ pub const MAX_STREAM_GROUPS: usize = 8;
 pub const MAX_AZIMUTHS: usize = 3_600;
 /// Greatest number of breaks of one profile.
 pub const MAX_PROFILE_BREAKS: usize = 1_000_000;
+/// Greatest number of stretches of one line, and of the ground under it.
+pub const MAX_STRETCHES: usize = 100_000;
 /// Greatest number of cells of one viewshed, counted in the square around a radius.
 pub const MAX_VIEWSHED_CELLS: usize = 100_000_000;
 /// Greatest number of points of one intervisibility matrix.

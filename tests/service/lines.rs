@@ -117,6 +117,27 @@ async fn precision_and_the_earth_are_options_of_a_query() {
 }
 
 #[tokio::test]
+async fn stretches_are_those_of_the_library() {
+    let (_running, client) = started().await;
+    let field = TestTerrain::new(None);
+    let (a, b) = (end(2.0, 3.0, 1.0), end(80.0, 60.0, 3.0));
+    let request = v1::QueryLineOfSightRequest { a, b, stretches: true, ..Default::default() };
+    let answer = client.query(request).await.unwrap();
+    let resolved = answer.resolved.unwrap();
+    let [a, b] = [resolved.a.unwrap(), resolved.b.unwrap()].map(|p| [p.x, p.y, p.z]);
+    let line = los::line_stretches(&*field, a, b, los::Earth::Flat).unwrap();
+    let ground = los::ground_stretches(&*field, a, [b[0], b[1]]).unwrap();
+    assert!(line.len() > 1 && ground.len() > 1);
+    let parts = |from: f64, to: f64| [from.to_bits(), to.to_bits()];
+    let told: Vec<_> = answer.line.iter().map(|s| parts(s.from, s.to)).collect();
+    assert_eq!(told, line.iter().map(|s| parts(s.from, s.to)).collect::<Vec<_>>());
+    let told: Vec<_> = answer.ground.iter().map(|s| parts(s.from, s.to)).collect();
+    assert_eq!(told, ground.iter().map(|s| parts(s.from, s.to)).collect::<Vec<_>>());
+    assert_eq!(answer.line[0].state() == v1::LineState::Above, line[0].state == los::LineState::Above);
+    assert!(client.query(v1::QueryLineOfSightRequest { stretches: false, ..request }).await.unwrap().line.is_empty());
+}
+
+#[tokio::test]
 async fn rays_horizons_profiles_and_normals_are_those_of_the_library() {
     let (_running, client) = started().await;
     let field = TestTerrain::new(None);

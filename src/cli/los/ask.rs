@@ -112,8 +112,12 @@ impl Asker {
                     strict: manner.options.strict,
                     derive: manner.options.precision == Precision::Exact,
                     options: Some(options_to_wire(manner)),
+                    stretches: manner.derive,
                 };
-                runtime.block_on(client.query(request)).map_err(client_failure).map(reply_from_wire)
+                runtime
+                    .block_on(client.query(request))
+                    .map_err(client_failure)
+                    .map(|response| reply_from_wire(manner, response))
             }
         }
     }
@@ -255,7 +259,8 @@ fn verdict_name(verdict: v1::Verdict) -> &'static str {
     }
 }
 
-fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
+fn reply_from_wire(manner: Manner, response: v1::QueryLineOfSightResponse) -> Reply {
+    let more = (manner.derive && response.resolved.is_some()).then(|| More::from_wire(&response));
     let point = |p: Option<v1::Position>| p.map_or([0.0; 3], |p| [p.x, p.y, p.z]);
     let obstruction =
         |o: Option<v1::Obstruction>| o.map(|o| Obstruction { position: point(o.position), range_m: o.range_m });
@@ -274,7 +279,7 @@ fn reply_from_wire(response: v1::QueryLineOfSightResponse) -> Reply {
         first_from_a: obstruction(response.first_from_a),
         first_from_b: obstruction(response.first_from_b),
         least_clearance: response.least_clearance,
-        more: None,
+        more,
     }
 }
 

@@ -66,8 +66,8 @@ impl Args {
         }
         let asker = Asker::open(&self.target)?;
         let earth = asker.earth(self.earth)?;
-        if self.derive && asker.is_server() {
-            return Err(Failure::Usage("--derive needs a database".into()));
+        if self.derive && asker.is_server() && self.batch.is_some() {
+            return Err(Failure::Usage("--derive with --batch needs a database".into()));
         }
         let manner = Manner {
             frame: self.positions.frame(),

@@ -1,6 +1,7 @@
 //! What `los --derive` adds to an answer.
 
 use serde_json::{Value, json};
+use sightline_client::v1;
 use sightline_proto::diamond::Post;
 
 use crate::{
@@ -39,6 +40,42 @@ impl More {
         })
     }
 
+    /// As a server tells it.
+    pub(super) fn from_wire(response: &v1::QueryLineOfSightResponse) -> Self {
+        let triangle = |first: &Option<v1::Obstruction>| match first.as_ref()?.triangle[..] {
+            [ai, aj, bi, bj, ci, cj] => Some([Post::new(ai, aj), Post::new(bi, bj), Post::new(ci, cj)]),
+            _ => None,
+        };
+        let deepest = response.deepest.zip(response.deepest_at).map(|(depth, at)| Place {
+            point: [at.x, at.y, at.z],
+            t: part_of_line(response.resolved.as_ref(), [at.x, at.y, at.z]),
+            clearance: -depth,
+        });
+        let line = response.line.iter().map(|s| {
+            let state = match s.state() {
+                v1::LineState::Above => LineState::Above,
+                v1::LineState::Below => LineState::Below,
+                v1::LineState::Unknown | v1::LineState::Unspecified => LineState::Unknown,
+            };
+            Stretch { from: s.from, to: s.to, state }
+        });
+        let ground = response.ground.iter().map(|s| {
+            let state = match s.state() {
+                v1::GroundState::Seen => GroundState::Seen,
+                v1::GroundState::Hidden => GroundState::Hidden,
+                v1::GroundState::Unknown | v1::GroundState::Unspecified => GroundState::Unknown,
+            };
+            Stretch { from: s.from, to: s.to, state }
+        });
+        Self {
+            triangles: [triangle(&response.first_from_a), triangle(&response.first_from_b)],
+            deepest,
+            least_target_height: response.least_target_z,
+            line: line.collect(),
+            ground: (!response.ground.is_empty()).then(|| ground.collect()),
+        }
+    }
+
     pub(super) fn document(&self) -> Value {
         let [from_a, from_b] = self.triangles.map(|t| t.map(|posts| posts.map(|p| [p.i, p.j])));
         json!({
@@ -66,6 +103,14 @@ impl More {
         lines.extend(self.ground.iter().flatten().map(|s| stretch("ground", s.from, s.to, ground_state(s.state))));
         lines
     }
+}
+
+/// Where a point of a line is, as a part of it, by the coordinate that changes most.
+fn part_of_line(resolved: Option<&v1::Segment>, at: [f64; 3]) -> f64 {
+    let Some(v1::Segment { a: Some(a), b: Some(b) }) = resolved else { return 0.0 };
+    let along = [(a.x, b.x, at[0]), (a.y, b.y, at[1]), (a.z, b.z, at[2])];
+    let most = along.into_iter().max_by(|p, q| (p.1 - p.0).abs().total_cmp(&(q.1 - q.0).abs()));
+    most.filter(|(from, to, _)| from != to).map_or(0.0, |(from, to, at)| (at - from) / (to - from))
 }
 
 fn stretches<S: Copy>(stretches: &[Stretch<S>], name: fn(S) -> &'static str) -> Vec<Value> {

@@ -4,12 +4,15 @@ use sightline_proto::{diamond::Post, v1};
 use tonic::Status;
 
 use super::{
-    super::{convert, status::IntoStatus},
+    super::{
+        MAX_STRETCHES, convert,
+        status::{IntoStatus, too_many},
+    },
     range_m, resolve,
 };
 use crate::{
     exercise::Site,
-    los::{self, Derived, Obstruction, Options, Precision, Verdict},
+    los::{self, Derived, GroundState, LineState, Obstruction, Options, Precision, Verdict},
     terrain::{Georeference, HeightField},
 };
 
@@ -20,9 +23,9 @@ pub(super) fn query(
 ) -> Result<v1::QueryLineOfSightResponse, Status> {
     let ends = [convert::end(request.a, "end a")?, convert::end(request.b, "end b")?];
     let options = Options { strict: request.strict, ..convert::options(request.options.as_ref(), site)? };
-    if request.derive && options.precision != Precision::Exact {
+    if (request.derive || request.stretches) && options.precision != Precision::Exact {
         return Err(Status::invalid_argument(
-            "derive needs PRECISION_EXACT: derived values are those of exact verdicts",
+            "derive and stretches need PRECISION_EXACT: derived values are those of exact verdicts",
         ));
     }
     let Some([a, b]) = resolve(terrain, site, ends)? else {
@@ -49,7 +52,51 @@ pub(super) fn query(
         add_derived(&mut response, site, [a, b], derived, answer.verdict);
         response.least_target_z = least;
     }
+    if request.stretches {
+        add_stretches(&mut response, terrain, [a, b], options)?;
+    }
     Ok(response)
+}
+
+fn add_stretches(
+    response: &mut v1::QueryLineOfSightResponse,
+    terrain: &impl HeightField,
+    [a, b]: [[f64; 3]; 2],
+    options: Options,
+) -> Result<(), Status> {
+    let line = los::line_stretches(terrain, a, b, options.earth).map_err(IntoStatus::into_status)?;
+    let ground = if options.earth.is_flat() {
+        los::ground_stretches(terrain, a, [b[0], b[1]]).map_err(IntoStatus::into_status)?
+    } else {
+        Vec::new()
+    };
+    let count = line.len().max(ground.len());
+    if count > MAX_STRETCHES {
+        return Err(too_many("stretches of one line", count, MAX_STRETCHES));
+    }
+    response.line = line
+        .into_iter()
+        .map(|stretch| {
+            let state = match stretch.state {
+                LineState::Above => v1::LineState::Above,
+                LineState::Below => v1::LineState::Below,
+                LineState::Unknown => v1::LineState::Unknown,
+            };
+            v1::LineStretch { from: stretch.from, to: stretch.to, state: state.into() }
+        })
+        .collect();
+    response.ground = ground
+        .into_iter()
+        .map(|stretch| {
+            let state = match stretch.state {
+                GroundState::Seen => v1::GroundState::Seen,
+                GroundState::Hidden => v1::GroundState::Hidden,
+                GroundState::Unknown => v1::GroundState::Unknown,
+            };
+            v1::GroundStretch { from: stretch.from, to: stretch.to, state: state.into() }
+        })
+        .collect();
+    Ok(())
 }
 
 fn add_derived(
