@@ -61,7 +61,7 @@ use sightline_proto::{
 use thiserror::Error;
 
 use self::walk::Walk;
-use crate::terrain::{HeightField, ReadError};
+use crate::terrain::{Grid, HeightField, PAGE_SIDE, ReadError};
 
 /// The verdict on a line of sight, in the order in which verdicts of parts combine: the greatest wins.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -115,6 +115,11 @@ pub struct Answer {
     /// Whether verdict and grazing are exact. Never so for FAST and F64; so for TOLERANCE unless bounds decided
     /// something within the tolerance.
     pub certain: bool,
+}
+
+impl Answer {
+    /// Stands where there is none as yet.
+    const NONE: Self = Self { verdict: Verdict::Unknown, grazes: false, certain: false };
 }
 
 /// Why a line-of-sight question has no answer.
@@ -259,7 +264,9 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
 /// Lines of a batch that one core takes together.
 const BATCH_SHARE: usize = 1024;
 /// Batches of fewer lines are asked in the order in which they came.
-const WORTH_SORTING: usize = 64;
+const WORTH_SORTING: usize = 1024;
+/// Binary logarithm of the squares along each side of the grid by which a batch is sorted.
+const SQUARES_SHIFT: u32 = 7;
 
 /// Many lines at once, over all cores, answers in the order of `lines`. The first error in that order wins.
 ///
@@ -269,42 +276,80 @@ pub fn line_of_sight_batch<H>(field: &H, lines: &[[[f64; 3]; 2]], options: Optio
 where
     H: HeightField + ?Sized,
 {
-    let mut order: Vec<(u64, u32)> = (0..).zip(lines).map(|(n, line)| (place_on_curve(line), n)).collect();
-    if lines.len() >= WORTH_SORTING {
-        order.par_sort_unstable();
+    let order = order_of(field.grid(), lines);
+    let shares: Vec<_> = order.par_chunks(BATCH_SHARE).map(|share| ask_share(field, lines, share, options)).collect();
+    let mut answers = vec![Answer::NONE; lines.len()];
+    let mut failure: Option<(u32, LosError)> = None;
+    for (share, (found, failed)) in order.chunks(BATCH_SHARE).zip(shares) {
+        for (&n, answer) in share.iter().zip(found) {
+            answers[n as usize] = answer;
+        }
+        failure = failure.into_iter().chain(failed).min_by_key(|(n, _)| *n);
     }
-    let shares = order.par_chunks(BATCH_SHARE).map(|share| {
-        let mut asked = Lines::new(field);
-        let ask = |&(_, n): &(u64, u32)| {
-            let [a, b] = lines[n as usize];
-            (n, asked.ask(a, b, options))
-        };
-        share.iter().map(ask).collect::<Vec<_>>()
-    });
-    let mut answers = vec![None; lines.len()];
-    for (n, answer) in shares.collect::<Vec<_>>().into_iter().flatten() {
-        answers[n as usize] = Some(answer);
-    }
-    answers.into_iter().flatten().collect()
+    failure.map_or(Ok(answers), |(_, error)| Err(error))
 }
 
-/// Where the middle of a line lies on a Z curve over blocks of 8 x 8 posts, about.
-fn place_on_curve([a, b]: &[[f64; 3]; 2]) -> u64 {
-    // Every other bit of the result is one of these 27; casts of what is beyond the grid end up at its border.
-    let spread = |v: f64| {
-        let mut bits = u64::from((v / 16.0) as u32);
-        for (shift, mask) in [
-            (16, 0x0000_ffff_0000_ffff),
-            (8, 0x00ff_00ff_00ff_00ff),
-            (4, 0x0f0f_0f0f_0f0f_0f0f),
-            (2, 0x3333_3333_3333_3333),
-            (1, 0x5555_5555_5555_5555),
-        ] {
-            bits = (bits | bits << shift) & mask;
-        }
-        bits
+/// The answers to the lines of these numbers; of those without one, the first in the order of `lines`.
+fn ask_share<H>(
+    field: &H,
+    lines: &[[[f64; 3]; 2]],
+    share: &[u32],
+    options: Options,
+) -> (Vec<Answer>, Option<(u32, LosError)>)
+where
+    H: HeightField + ?Sized,
+{
+    let mut asked = Lines::new(field);
+    let mut failure: Option<(u32, LosError)> = None;
+    let mut ask = |&n: &u32| {
+        let [a, b] = lines[n as usize];
+        asked.ask(a, b, options).unwrap_or_else(|error| {
+            failure = failure.take().into_iter().chain([(n, error)]).min_by_key(|(n, _)| *n);
+            Answer::NONE
+        })
     };
-    spread(a[0] + b[0]) | spread(a[1] + b[1]) << 1
+    let answers = share.iter().map(&mut ask).collect();
+    (answers, failure)
+}
+
+/// The numbers of lines in the order in which they are asked: by the square of posts that their middle is in, along a Z
+/// curve, and as they came in each. One counting sort, which takes a small part of the time of short lines.
+fn order_of(grid: Grid, lines: &[[[f64; 3]; 2]]) -> Vec<u32> {
+    if lines.len() < WORTH_SORTING {
+        return (0..lines.len() as u32).collect();
+    }
+    // Squares of a page, or as much larger as it takes to have at most 128 x 128 of them.
+    let longest = grid.nx().max(grid.ny());
+    let shift = (u32::BITS - (longest - 1).leading_zeros()).saturating_sub(SQUARES_SHIFT).max(PAGE_SIDE.ilog2());
+    let per = 0.5 / f64::from(1_u32 << shift);
+    let square_of = |[a, b]: &[[f64; 3]; 2]| {
+        // Casts of what is beyond the grid end up at its border, or at another square: that harms nobody.
+        let along = |k: usize| spread(((a[k] + b[k]) * per) as u32 & ((1 << SQUARES_SHIFT) - 1));
+        (along(0) | along(1) << 1) as usize
+    };
+    let mut starts = vec![0_u32; 1 << (2 * SQUARES_SHIFT)];
+    let squares: Vec<u32> = lines.iter().map(|line| square_of(line) as u32).collect();
+    for &square in &squares {
+        starts[square as usize] += 1;
+    }
+    let mut next = 0;
+    for start in &mut starts {
+        (*start, next) = (next, next + *start);
+    }
+    let mut order = vec![0; lines.len()];
+    for (n, &square) in (0..).zip(&squares) {
+        let start = &mut starts[square as usize];
+        order[*start as usize] = n;
+        *start += 1;
+    }
+    order
+}
+
+/// The bits of a number below 256 with a zero before each.
+fn spread(bits: u32) -> u32 {
+    let bits = (bits | bits << 4) & 0x0f0f;
+    let bits = (bits | bits << 2) & 0x3333;
+    (bits | bits << 1) & 0x5555
 }
 
 fn check_finite(values: [f64; 3], names: [&'static str; 3]) -> Result<(), LosError> {

@@ -73,6 +73,8 @@ pub(super) enum Family {
 
 impl Family {
     pub(super) const ALL: [Self; 4] = [Self::Column, Self::Row, Self::Rising, Self::Falling];
+    /// The same for lines that cross more rows than columns.
+    pub(super) const ROWS_FIRST: [Self; 4] = [Self::Row, Self::Column, Self::Rising, Self::Falling];
 
     /// The function that is constant on each line, as a rounded value and its exact error.
     pub(super) fn function(self, [x, y]: [f64; 2]) -> (f64, f64) {

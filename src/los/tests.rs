@@ -238,6 +238,31 @@ fn skipping_changes_no_answer() {
 }
 
 #[test]
+fn what_stands_just_beyond_a_block_is_seen() {
+    // Spikes along the first row of each page: the last cells of the blocks before have them as corners.
+    let spike = |along: u32, across: u32| Some(if across.is_multiple_of(64) && along % 8 == 4 { 9.0 } else { 0.0 });
+    let fields =
+        [MemoryField::from_fn(260, 260, spike).unwrap(), MemoryField::from_fn(260, 260, |i, j| spike(j, i)).unwrap()];
+    let mut lines = fields.each_ref().map(|field| (Lines::plain(field), Lines::new(field)));
+    let mut blocked = 0;
+    for n in 0..4000 {
+        let unit = |k: u64| (synthetic::mix(n * 8 + k) >> 11) as f64 / (1_u64 << 53) as f64;
+        // Along the cells before a border, within the width of a page.
+        let row = 64.0 * (1.0 + (3.0 * unit(0)).floor()) - 0.9 * unit(1);
+        let from = 64.0 * (4.0 * unit(2)).floor() + 2.0 + 10.0 * unit(3);
+        let to = from + 20.0 + 25.0 * unit(4);
+        let z = 1.0 + 7.0 * unit(5);
+        let (plain, skipping) = &mut lines[n as usize % 2];
+        let turn = |p: [f64; 3]| if n.is_multiple_of(2) { p } else { [p[1], p[0], p[2]] };
+        let (a, b) = (turn([from, row, z]), turn([to, row - 0.05 * unit(6), z]));
+        let expected = plain.ask(a, b, Options::default()).unwrap();
+        assert_eq!(skipping.ask(a, b, Options::default()).unwrap(), expected, "line {n}: {a:?} {b:?}");
+        blocked += usize::from(expected.verdict == Verdict::Blocked);
+    }
+    assert!(blocked > 400 && blocked < 3600, "{blocked} blocked");
+}
+
+#[test]
 fn tolerant_answers_are_between_those_of_raised_and_lowered_terrain() {
     let height = |i, j| (i + j * 7 != 300).then(|| f64::from(synthetic::fractal_height(i, j, 5, 60)));
     let shifted = |by: f64| MemoryField::from_fn(150, 150, |i, j| height(i, j).map(|z| z + by)).unwrap();

@@ -16,17 +16,17 @@ use std::ops::Range;
 
 use sightline_proto::{
     diamond::Post,
-    predicates::{Kernel, Sign, compare, orient2d_with, orient3d_with, plan},
+    predicates::{FLUSHED, Kernel, Sign, compare, orient2d_with, orient3d_with, plan},
 };
 
 use super::{
     Manner,
-    run::{self, Stop},
+    run::{self, Reached, Stop},
     skip,
     surface::Face,
     sweep::{Crossing, Family, ROUNDOFF, Span, Sweep, TINY, TRUSTED_MAGNITUDE},
 };
-use crate::terrain::{DrawnPost, HeightField, PAGE_SIDE, PageId, Posts, ReadError};
+use crate::terrain::{DrawnPost, Grid, HeightField, PAGE_SIDE, PageId, Posts, ReadError};
 
 /// Crossings of one family in a row before the next family's turn, so that all four use the same pages.
 const RUN: i64 = 256;
@@ -60,50 +60,92 @@ where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    let grid = walk.posts.grid();
-    let (a, b, plain) = (walk.a, walk.b, walk.manner.plain);
-    let inside = !plain && walk.is_inside();
-    let mut probed = None;
-    if inside {
-        let mut met = Met::default();
-        if skip::is_clear(walk, &mut met)? {
-            return Ok(met);
-        }
-        let family = if (b[0] - a[0]).abs() > (b[1] - a[1]).abs() { Family::Column } else { Family::Row };
-        probed = Sweep::over_grid(family, a, b);
-        if let Some(sweep) = &probed
-            && skip::is_blocked_at_probes(walk, sweep)?
-        {
-            return Ok(Met { blocked: true, ..met });
-        }
+    if !walk.manner.plain && walk.is_inside() {
+        return walk_inside::<K, H>(walk, strict);
     }
-    let mut met = walk.ends::<K>()?;
+    let mut met = Met::default();
+    walk.ends::<K>(&mut met)?;
     if met.decides(strict) {
         return Ok(met);
     }
-    let Some(span) = (if inside { Some(Span::ALL) } else { Span::new(grid, a, b) }) else { return Ok(met) };
-    let sweeps = Family::ALL.map(|family| match probed {
-        Some(sweep) if sweep.family == family => sweep,
-        _ => inside
-            .then(|| Sweep::over_grid(family, a, b))
-            .flatten()
-            .unwrap_or_else(|| Sweep::new(family, grid, span, a, b)),
-    });
-    let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
-    if !plain && longest > FEW && skip::walk::<K, H>(walk, &sweeps, span, strict, &mut met)? {
+    let Some(span) = Span::new(walk.posts.grid(), walk.a, walk.b) else { return Ok(met) };
+    let sweeps = Family::ALL.map(|family| Sweep::new(family, walk.posts.grid(), span, walk.a, walk.b));
+    if walk.manner.plain || !skip::walk::<K, H>(walk, &sweeps, span, strict, &mut met)? {
+        walk_all::<K, H>(walk, &sweeps, strict, &mut met)?;
+    }
+    Ok(met)
+}
+
+/// The same for a line that [`Walk::is_inside`]. What decides most lines at the least cost comes first.
+fn walk_inside<K, H>(walk: &mut Walk<'_, H>, strict: bool) -> Result<Met, ReadError>
+where
+    K: Kernel,
+    H: HeightField + ?Sized,
+{
+    let mut met = Met::default();
+    let (a, b) = (walk.a, walk.b);
+    let families = if (b[0] - a[0]).abs() > (b[1] - a[1]).abs() { Family::ALL } else { Family::ROWS_FIRST };
+    let grid = walk.posts.grid();
+    let inside = |n: usize| sweep_inside(families[n], grid, a, b);
+    let probed = inside(0);
+    let is_short = probed.count <= FEW;
+    if !is_short && probed.inside && skip::is_blocked_at_probes(walk, &probed)? {
+        return Ok(Met { blocked: true, ..met });
+    }
+    if !is_short && skip::is_clear(walk, &mut met)? {
         return Ok(met);
     }
-    let runs = (longest + RUN - 1) / RUN;
-    for run in 0..runs {
-        for sweep in &sweeps {
-            // Lines of a family are equally far apart, so equal shares of crossings are equal stretches of AB.
-            let share = sweep.count * run / runs..sweep.count * (run + 1) / runs;
-            if !walk.take::<K>(sweep, share, strict, &mut met)? {
+    let sweep = |n: usize| if n == 0 { probed } else { inside(n) };
+    if let Some(id) = walk.page_around() {
+        if !walk.take_page::<K>(id, sweep, strict, &mut met)? {
+            return Ok(met);
+        }
+    } else if is_short {
+        for n in 0..families.len() {
+            let sweep = sweep(n);
+            if !walk.take::<K>(&sweep, 0..sweep.count, strict, &mut met)? {
                 return Ok(met);
             }
         }
+    } else {
+        let sweeps = [0, 1, 2, 3].map(sweep);
+        if !skip::walk::<K, H>(walk, &sweeps, Span::ALL, strict, &mut met)? {
+            walk_all::<K, H>(walk, &sweeps, strict, &mut met)?;
+        }
+        if met.decides(strict) {
+            return Ok(met);
+        }
+    }
+    if !walk.is_above_at_ends()? {
+        walk.ends::<K>(&mut met)?;
     }
     Ok(met)
+}
+
+/// The sweep of a family over a line that [`Walk::is_inside`].
+#[inline]
+fn sweep_inside(family: Family, grid: Grid, a: [f64; 3], b: [f64; 3]) -> Sweep {
+    Sweep::over_grid(family, a, b).unwrap_or_else(|| Sweep::new(family, grid, Span::ALL, a, b))
+}
+
+/// Walks all crossings, passing over nothing.
+fn walk_all<K, H>(walk: &mut Walk<'_, H>, sweeps: &[Sweep; 4], strict: bool, met: &mut Met) -> Result<(), ReadError>
+where
+    K: Kernel,
+    H: HeightField + ?Sized,
+{
+    let longest = sweeps.iter().map(|s| s.count).max().unwrap_or(0);
+    let runs = (longest + RUN - 1) / RUN;
+    for run in 0..runs {
+        for sweep in sweeps {
+            // Lines of a family are equally far apart, so equal shares of crossings are equal stretches of AB.
+            let share = sweep.count * run / runs..sweep.count * (run + 1) / runs;
+            if !walk.take::<K>(sweep, share, strict, met)? {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
 }
 
 /// What lies under a crossing.
@@ -173,6 +215,48 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         Ok(true)
     }
 
+    /// The page that holds all posts of faces under a line that is inside, if one does.
+    #[inline]
+    fn page_around(&self) -> Option<PageId> {
+        let place = |from: f64, to: f64| {
+            let (least, greatest) = (from.min(to) as u32, from.max(to));
+            let floor = greatest as u32;
+            let ceiling = floor + u32::from(f64::from(floor) < greatest);
+            (least / PAGE_SIDE == ceiling / PAGE_SIDE).then_some(least / PAGE_SIDE)
+        };
+        Some(PageId { pi: place(self.a[0], self.b[0])?, pj: place(self.a[1], self.b[1])? })
+    }
+
+    /// Decides all crossings of a line whose posts lie in one page; whether it is worth going on.
+    #[inline]
+    fn take_page<K: Kernel>(
+        &mut self,
+        id: PageId,
+        sweep_of: impl Fn(usize) -> Sweep,
+        strict: bool,
+        met: &mut Met,
+    ) -> Result<bool, ReadError> {
+        let mut from = (0, 0);
+        while from.0 < Family::ALL.len() {
+            let page = self.posts.page(id)?;
+            match run::run_page(page, id, from, &sweep_of) {
+                Ok(above) => {
+                    met.blocked |= !above;
+                    return Ok(above);
+                }
+                Err(Reached { family, n, whole }) => {
+                    let sweep = sweep_of(family);
+                    let crossings = if whole { 0..sweep.count } else { n..n + 1 };
+                    if !self.take::<K>(&sweep, crossings, strict, met)? {
+                        return Ok(false);
+                    }
+                    from = if whole { (family + 1, 0) } else { (family, n + 1) };
+                }
+            }
+        }
+        Ok(true)
+    }
+
     /// Whether both ends are over the grid, with no coordinate so small that sums might be subnormal and no height so
     /// great that products might overflow.
     #[inline]
@@ -185,8 +269,7 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
     }
 
     /// What the ends meet, and whether AB touches between them without crossing anything.
-    fn ends<K: Kernel>(&mut self) -> Result<Met, ReadError> {
-        let mut met = Met::default();
+    fn ends<K: Kernel>(&mut self, met: &mut Met) -> Result<(), ReadError> {
         let grid = self.posts.grid();
         let mut touching = Vec::new();
         for end in [self.a, self.b] {
@@ -213,9 +296,41 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
             for p in face {
                 known &= !self.posts.at(p)?.void;
             }
-            met.contact = known;
+            met.contact |= known;
         }
-        Ok(met)
+        Ok(())
+    }
+
+    /// Whether both ends of a line that is inside are certainly above known ground.
+    ///
+    /// Fractions of coordinates are exact. A point so close to the diagonal x + y = 1 that the rounded sum does not say
+    /// on which side it lies is off by less than u; so with m the greatest magnitude on the page the ground is off by
+    /// less than 4 u m for that, and 16 u m for five roundings of numbers up to 4 m.
+    #[inline]
+    fn is_above_at_ends(&mut self) -> Result<bool, ReadError> {
+        for [x, y, z] in [self.a, self.b] {
+            let (i, j) = (x as u32, y as u32);
+            let (u, v) = (x - f64::from(i), y - f64::from(j));
+            let page = self.posts.page(PageId::of(Post::new(i, j)))?;
+            let (i, j, rises) = (i % PAGE_SIDE, j % PAGE_SIDE, (i + j) % 2 == 0);
+            if i + 1 == PAGE_SIDE || j + 1 == PAGE_SIDE || page.has_voids() {
+                return Ok(false);
+            }
+            let [sw, se, nw, ne] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| page.at(i, j).z);
+            let ground = match (rises, u > v, u + v > 1.0) {
+                (true, true, _) => sw + u * (se - sw) + v * (ne - se),
+                (true, false, _) => sw + v * (nw - sw) + u * (ne - nw),
+                (false, _, true) => ne + (1.0 - u) * (nw - ne) + (1.0 - v) * (se - ne),
+                (false, _, false) => sw + u * (se - sw) + v * (nw - sw),
+            };
+            let bound = 32.0 * ROUNDOFF * page.maxima().magnitude() + 4.0 * ROUNDOFF * z.abs() + FLUSHED;
+            // Not so for NaN.
+            let above = z - ground > bound;
+            if !above {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// Decides crossing `n` of a sweep.

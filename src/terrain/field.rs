@@ -224,6 +224,13 @@ pub trait HeightField: Send + Sync {
     /// Reads one page. `id` must be within [`Grid::pages`].
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError>;
 
+    /// The same page where the field has it in memory for as long as it lives: then readers need not hold it.
+    #[inline]
+    fn resident(&self, id: PageId) -> Option<&HeightPage> {
+        let _ = id;
+        None
+    }
+
     /// Reads one page of the greatest heights over squares of 64^`level` posts a side, `level` at least 1. `None` when
     /// the field does not keep them: then what asks for bounds reads more pages of heights, and answers the same.
     fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
@@ -278,6 +285,9 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
     /// The page `id`, which must be within the grid.
     #[inline]
     pub fn page(&mut self, id: PageId) -> Result<&HeightPage, ReadError> {
+        if let Some(page) = self.field.resident(id) {
+            return Ok(page);
+        }
         let slot = (id.pi as usize % 8 + id.pj as usize % 8 * 8) % SLOTS;
         if self.slots[slot].as_ref().is_none_or(|(held, _)| *held != id) {
             self.slots[slot] = Some((id, self.field.page(id)?));

@@ -244,13 +244,16 @@ impl<H: HeightField + ?Sized> Posts<'_, H> {
 #[inline]
 fn over(page: &HeightPage, shift: u32, [west, east, south, north]: [u32; 4]) -> Greatest {
     let mut all = Greatest::NOTHING;
-    for (j, i) in (south..=north).flat_map(|j| (west..=east).map(move |i| (j, i))) {
-        all = all.join(if shift == 0 {
-            let post = page.at(i, j);
-            Greatest { z: not_below(post.z), void: post.void }
-        } else {
-            page.maxima().block(shift, i, j)
-        });
+    let maxima = page.maxima();
+    for j in south..north + 1 {
+        for i in west..east + 1 {
+            all = all.join(if shift == 0 {
+                let post = page.at(i, j);
+                Greatest { z: not_below(post.z), void: post.void }
+            } else {
+                maxima.block(shift, i, j)
+            });
+        }
     }
     all
 }

@@ -65,6 +65,12 @@ impl HeightField for MemoryField {
         Ok(Arc::clone(&self.pages[id.pj as usize * columns as usize + id.pi as usize]))
     }
 
+    #[inline]
+    fn resident(&self, id: PageId) -> Option<&HeightPage> {
+        let (columns, _) = self.grid.pages();
+        self.pages.get(id.pj as usize * columns as usize + id.pi as usize).map(|page| &**page)
+    }
+
     fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
         let found = maxima::pages(self.grid, level)
             .and_then(|(columns, _)| self.maxima.get(level as usize - 1)?.get((id.pj * columns + id.pi) as usize));

@@ -42,6 +42,11 @@ impl HeightField for MemoryTerrain {
         self.field.page(id)
     }
 
+    #[inline]
+    fn resident(&self, id: PageId) -> Option<&HeightPage> {
+        self.field.resident(id)
+    }
+
     fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
         self.field.maxima(level, id)
     }

@@ -1,6 +1,7 @@
 //! The walk that people write: from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray
-//! tracing", 1987), and in each the height of the line against that of the surface where it crosses the cell's diagonal
-//! and where it leaves. All in rounded f64.
+//! tracing", 1987), in each the height of the line against that of the surface where it crosses the cell's diagonal and
+//! where it leaves, until it is below. All in rounded f64 over one array of f32. Made as fast as a plain walk goes: no
+//! division in the loop, two heights read for each comparison.
 
 use sightline::terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, ReadError};
 
@@ -27,52 +28,65 @@ impl GridWalk {
         Ok(Self { nx, ny, heights })
     }
 
-    fn height(&self, i: usize, j: usize) -> f64 {
-        f64::from(self.heights[j * self.nx + i])
-    }
-
-    /// The surface at a place of cell (i, j), from its west and south.
-    fn surface(&self, (i, j): (usize, usize), [u, v]: [f64; 2]) -> f64 {
-        let [sw, se, nw, ne] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| self.height(i, j));
-        match ((i + j) % 2 == 0, u > v, u + v > 1.0) {
-            (true, true, _) => sw + u * (se - sw) + v * (ne - se),
-            (true, false, _) => sw + v * (nw - sw) + u * (ne - nw),
-            (false, _, true) => ne + (1.0 - u) * (nw - ne) + (1.0 - v) * (se - ne),
-            (false, _, false) => sw + u * (se - sw) + v * (nw - sw),
-        }
+    /// Rows of heights, for others that read them.
+    pub fn heights(&self) -> &[f32] {
+        &self.heights
     }
 
     pub fn is_blocked(&self, [a, b]: [[f64; 3]; 2]) -> bool {
-        let by = [0, 1, 2].map(|k| b[k] - a[k]);
-        let last = [self.nx - 2, self.ny - 2];
-        let mut cell = [0, 1].map(|k| (a[k] as usize).min(last[k]));
-        let goal = [0, 1].map(|k| (b[k] as usize).min(last[k]));
-        let leaves = |cell: [usize; 2], k: usize| match by[k] {
-            d if d > 0.0 => (cell[k] as f64 + 1.0 - a[k]) / d,
-            d if d < 0.0 => (cell[k] as f64 - a[k]) / d,
-            _ => f64::INFINITY,
+        let [dx, dy, dz] = [0, 1, 2].map(|k| b[k] - a[k]);
+        let last = [self.nx as i64 - 2, self.ny as i64 - 2];
+        let (mut i, mut j) = ((a[0] as i64).min(last[0]), (a[1] as i64).min(last[1]));
+        let (step_i, step_j) = (if dx > 0.0 { 1 } else { -1 }, if dy > 0.0 { 1 } else { -1 });
+        let per = |d: f64| if d == 0.0 { f64::INFINITY } else { 1.0 / d };
+        let (per_x, per_y) = (per(dx), per(dy));
+        let next = |cell: i64, step: i64, from: f64, per: f64| {
+            if per.is_infinite() { per } else { ((cell + i64::from(step > 0)) as f64 - from) * per }
+        };
+        let (mut t_x, mut t_y) = (next(i, step_i, a[0], per_x), next(j, step_j, a[1], per_y));
+        let (d_x, d_y) = (per_x.abs(), per_y.abs());
+        let (per_sum, per_difference) = (per(dx + dy), per(dx - dy));
+        let stride = self.nx as i64;
+        let below = |t: f64, along: f64, p: i64, q: i64| {
+            let (p, q) = (f64::from(self.heights[p as usize]), f64::from(self.heights[q as usize]));
+            a[2] + t * dz < p + along * (q - p)
         };
         let mut t = 0.0;
         loop {
-            let ends = [leaves(cell, 0), leaves(cell, 1)];
-            let axis = usize::from(ends[1] < ends[0]);
-            let end = ends[axis].min(1.0);
-            let at = |t: f64| [0, 1].map(|k| a[k] + t * by[k] - cell[k] as f64);
-            let below = |t: f64| a[2] + t * by[2] < self.surface((cell[0], cell[1]), at(t));
-            let side = |[u, v]: [f64; 2]| if (cell[0] + cell[1]) % 2 == 0 { u - v } else { u + v - 1.0 };
-            let (from, to) = (side(at(t)), side(at(end)));
-            if from * to < 0.0 && below(t + (end - t) * from / (from - to)) || below(end) {
+            let corner = j * stride + i;
+            let end = t_x.min(t_y).min(1.0);
+            // The cell's diagonal lies on x - y = i - j, or on x + y = i + j + 1.
+            let (t_diagonal, p, q) = if (i + j) & 1 == 0 {
+                (((i - j) as f64 - (a[0] - a[1])) * per_difference, corner, corner + stride + 1)
+            } else {
+                (((i + j + 1) as f64 - (a[0] + a[1])) * per_sum, corner + stride, corner + 1)
+            };
+            if t_diagonal > t && t_diagonal < end && below(t_diagonal, a[0] + t_diagonal * dx - i as f64, p, q) {
                 return true;
             }
-            if end >= 1.0 || cell == goal {
+            if end >= 1.0 {
                 return false;
             }
-            let next = cell[axis] as i64 + if by[axis] > 0.0 { 1 } else { -1 };
-            if next < 0 || next > last[axis] as i64 {
+            if t_x < t_y {
+                let p = corner + i64::from(step_i > 0);
+                if below(t_x, a[1] + t_x * dy - j as f64, p, p + stride) {
+                    return true;
+                }
+                i += step_i;
+                t = t_x;
+                t_x += d_x;
+            } else {
+                let p = corner + if step_j > 0 { stride } else { 0 };
+                if below(t_y, a[0] + t_y * dx - i as f64, p, p + 1) {
+                    return true;
+                }
+                j += step_j;
+                t = t_y;
+                t_y += d_y;
+            }
+            if i < 0 || j < 0 || i > last[0] || j > last[1] {
                 return false;
             }
-            cell[axis] = next as usize;
-            t = end;
         }
     }
 }

@@ -1,18 +1,23 @@
 //! Lines of sight by Sightline, by a plain walk over the grid in f64, and by the height field of parry3d: the same
-//! queries in one run, in the order in which they were drawn, on one core; answers checked, ratios printed.
+//! queries in one run, in the order in which they were drawn, on one core (a batch on two as well, its sorting timed);
+//! answers checked, ratios printed, each the best of some rounds.
 //!
 //! `cargo run --release --manifest-path tests/bench/Cargo.toml -- [DATABASE] [SIDE]`: a synthetic terrain by default,
-//! or the south-western SIDE x SIDE posts (4097) of a database. An answer is wrong when it is not the exact walk's and
+//! or the south-western SIDE x SIDE posts (4097) of a database.
+//!
+//! With `--only exact|grid --lines long|short --rounds N` nothing else is asked, so that `valgrind --tool=callgrind`
+//! tells instructions: those of one round are the difference between N = 1 and N = 0. With `--export FOLDER` the
+//! heights (f32, row by row from the south) and the lines (f64, six each) are written for `embree.py`. An answer is wrong when it is not the exact walk's and
 //! raising and lowering the line by a millionth of a height unit does not change that one.
 
 mod grid_walk;
 mod parry;
 
-use std::{error::Error, path::Path, time::Instant};
+use std::{error::Error, fs, path::Path, time::Instant};
 
 use sightline::{
     database::{Database, OpenOptions},
-    los::{Lines, Options, Precision, Verdict, on_ground},
+    los::{Answer, Earth, Lines, Options, Precision, Verdict, line_of_sight_batch, on_ground},
     terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, synthetic},
 };
 
@@ -25,32 +30,91 @@ const ABOVE_M: f64 = 2.0;
 const SHORT_M: f64 = 1000.0;
 /// Metres per post and per height unit of the synthetic terrain.
 const SYNTHETIC_POST_M: f64 = 30.0;
+/// Each way is timed so often, in turn with the others.
+const ROUNDS: usize = 5;
 /// How far a line is moved to see whether it is near a tie, in height units.
 const NEAR: f64 = 1e-6;
 
-const EXACT: Options = Options { strict: false, precision: Precision::Exact };
-const F64: Options = Options { strict: false, precision: Precision::F64 };
-const FAST: Options = Options { strict: false, precision: Precision::Fast };
+const EXACT: Options = Options { strict: false, precision: Precision::Exact, earth: Earth::Flat };
+const F64: Options = Options { strict: false, precision: Precision::F64, earth: Earth::Flat };
+const FAST: Options = Options { strict: false, precision: Precision::Fast, earth: Earth::Flat };
 /// A metre, where that is the height unit.
-const TOLERANT: Options = Options { strict: false, precision: Precision::Tolerance(1.0) };
+const TOLERANT: Options = Options { strict: false, precision: Precision::Tolerance(1.0), earth: Earth::Flat };
 
 type Line = [[f64; 3]; 2];
 
+/// What the command line asks for.
+#[derive(Default)]
+struct Asked {
+    database: Option<String>,
+    side: Option<u32>,
+    only: Option<String>,
+    lines: Option<String>,
+    rounds: Option<usize>,
+    export: Option<String>,
+}
+
+impl Asked {
+    fn parse() -> Result<Self, Box<dyn Error>> {
+        let mut asked = Self::default();
+        let mut arguments = std::env::args().skip(1);
+        while let Some(argument) = arguments.next() {
+            let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
+            match argument.as_str() {
+                "--only" => asked.only = Some(value()?),
+                "--lines" => asked.lines = Some(value()?),
+                "--rounds" => asked.rounds = Some(value()?.parse()?),
+                "--export" => asked.export = Some(value()?),
+                _ if asked.database.is_none() => asked.database = Some(argument),
+                _ => asked.side = Some(argument.parse()?),
+            }
+        }
+        Ok(asked)
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let database = arguments.next();
-    let side: u32 = arguments.next().map_or(Ok(4097), |side| side.parse())?;
-    let (field, post_m, unit_m) = match &database {
+    let asked = Asked::parse()?;
+    let side = asked.side.unwrap_or(4097);
+    let (field, post_m, unit_m) = match &asked.database {
         Some(path) => cut(Path::new(path), side)?,
         None => (synthetic::fractal(side, side, 1, 1000)?, [SYNTHETIC_POST_M; 2], 1.0),
     };
     let grid_walk = GridWalk::new(&field)?;
-    let parry = Parry::new(&field)?;
+    let mut parry = None;
     for (name, count, reach_m) in [("long", 20_000, f64::INFINITY), ("short", 200_000, SHORT_M)] {
+        if asked.lines.as_ref().is_some_and(|only| only != name) {
+            continue;
+        }
         let lines = draw(&field, count, reach_m, post_m, ABOVE_M / unit_m)?;
-        compare(name, &field, &grid_walk, &parry, &lines)?;
+        if let Some(folder) = &asked.export {
+            export(Path::new(folder), name, &grid_walk, &lines)?;
+        } else if let Some(only) = &asked.only {
+            let mut own = Lines::new(&field);
+            for _ in 0..asked.rounds.unwrap_or(1) {
+                let blocked = lines.iter().filter(|&&[a, b]| match only.as_str() {
+                    "grid" => grid_walk.is_blocked([a, b]),
+                    _ => own.ask(a, b, EXACT).is_ok_and(|answer| answer.verdict == Verdict::Blocked),
+                });
+                println!("{name}, {only}: {} of {} blocked", blocked.count(), lines.len());
+            }
+        } else {
+            let parry = match &parry {
+                Some(parry) => parry,
+                None => parry.insert(Parry::new(&field)?),
+            };
+            compare(name, &field, &grid_walk, parry, &lines)?;
+        }
     }
     Ok(())
+}
+
+/// Writes what others need to ask the same.
+fn export(folder: &Path, name: &str, grid_walk: &GridWalk, lines: &[Line]) -> Result<(), Box<dyn Error>> {
+    let heights: Vec<u8> = grid_walk.heights().iter().flat_map(|z| z.to_le_bytes()).collect();
+    fs::write(folder.join("heights.f32"), heights)?;
+    let numbers: Vec<u8> = lines.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
+    Ok(fs::write(folder.join(format!("{name}.f64")), numbers)?)
 }
 
 /// The south-west of a database in memory, metres per post, and metres per height unit.
@@ -110,17 +174,34 @@ fn draw(
     Ok(lines)
 }
 
-/// What a way to ask took for all lines, and whether each is blocked.
-struct Run {
+/// A way to ask all lines: whether each is blocked.
+struct Way<'a> {
     name: &'static str,
-    seconds: f64,
-    blocked: Vec<bool>,
+    ask: Box<dyn FnMut() -> Vec<bool> + 'a>,
 }
 
-fn time(name: &'static str, lines: &[Line], mut ask: impl FnMut(&Line) -> bool) -> Run {
-    let started = Instant::now();
-    let blocked = lines.iter().map(&mut ask).collect();
-    Run { name, seconds: started.elapsed().as_secs_f64(), blocked }
+/// A way that asks one line after the other.
+fn one_by_one<'a>(name: &'static str, lines: &'a [Line], mut ask: impl FnMut(&Line) -> bool + 'a) -> Way<'a> {
+    Way { name, ask: Box::new(move || lines.iter().map(&mut ask).collect()) }
+}
+
+fn is_blocked<E>(answer: Result<Answer, E>) -> bool {
+    answer.is_ok_and(|answer| answer.verdict == Verdict::Blocked)
+}
+
+/// Batches on so many cores.
+fn batch<'a>(
+    name: &'static str,
+    cores: usize,
+    field: &'a MemoryField,
+    lines: &'a [Line],
+) -> Result<Way<'a>, Box<dyn Error>> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(cores).build()?;
+    let ask = move || {
+        let answers = pool.install(|| line_of_sight_batch(field, lines, EXACT)).unwrap_or_default();
+        answers.iter().map(|answer| answer.verdict == Verdict::Blocked).collect()
+    };
+    Ok(Way { name, ask: Box::new(ask) })
 }
 
 fn compare(
@@ -130,42 +211,48 @@ fn compare(
     parry: &Parry,
     lines: &[Line],
 ) -> Result<(), Box<dyn Error>> {
-    let blocks = |verdict: Verdict| verdict == Verdict::Blocked;
-    let exactly =
-        |[a, b]: Line| -> Result<bool, Box<dyn Error>> { Ok(blocks(Lines::plain(field).ask(a, b, EXACT)?.verdict)) };
-    let (mut walked, mut skipping) = (Lines::plain(field), Lines::new(field));
-    let mut unread = false;
-    let runs = [
-        time("exact, skipping", lines, |&[a, b]| {
-            let answer = skipping.ask(a, b, EXACT);
-            unread |= answer.is_err();
-            answer.is_ok_and(|answer| blocks(answer.verdict))
-        }),
-        time("exact, walking", lines, |&[a, b]| walked.ask(a, b, EXACT).is_ok_and(|answer| blocks(answer.verdict))),
-        time("f64, skipping", lines, |&[a, b]| skipping.ask(a, b, F64).is_ok_and(|answer| blocks(answer.verdict))),
-        time("f32, skipping", lines, |&[a, b]| skipping.ask(a, b, FAST).is_ok_and(|answer| blocks(answer.verdict))),
-        time("within 1 unit", lines, |&[a, b]| skipping.ask(a, b, TOLERANT).is_ok_and(|answer| blocks(answer.verdict))),
-        time("grid walk, f64", lines, |&line| grid_walk.is_blocked(line)),
-        time("parry3d, f64", lines, |&line| parry.is_blocked(line)),
+    let exactly = |[a, b]: Line| is_blocked(Lines::plain(field).ask(a, b, EXACT));
+    let by = |name, options: Options| {
+        let mut own = Lines::new(field);
+        one_by_one(name, lines, move |&[a, b]| is_blocked(own.ask(a, b, options)))
+    };
+    let mut plain = Lines::plain(field);
+    let mut ways = [
+        one_by_one("plain exact walk", lines, move |&[a, b]| is_blocked(plain.ask(a, b, EXACT))),
+        one_by_one("grid walk, f64", lines, |&line| grid_walk.is_blocked(line)),
+        one_by_one("parry3d, f64", lines, |&line| parry.is_blocked(line)),
+        batch("exact, batch", 1, field, lines)?,
+        batch("exact, two cores", 2, field, lines)?,
+        by("exact", EXACT),
+        by("f64", F64),
+        by("fast", FAST),
+        by("within 1 unit", TOLERANT),
     ];
-    let truth = &runs[1].blocked;
+    let mut seconds = [f64::INFINITY; 9];
+    let mut blocked = vec![Vec::new(); ways.len()];
+    for _ in 0..ROUNDS {
+        for (n, way) in ways.iter_mut().enumerate() {
+            let started = Instant::now();
+            blocked[n] = (way.ask)();
+            seconds[n] = seconds[n].min(started.elapsed().as_secs_f64());
+        }
+    }
+    let truth = &blocked[0];
     let seen = truth.iter().filter(|blocked| !**blocked).count();
     println!("\n{what}: {} lines, {:.1} % not blocked", lines.len(), 100.0 * seen as f64 / lines.len() as f64);
-    println!("{:18} {:>12} {:>9} {:>8} {:>7}", "", "million/s", "us a line", "ratio", "wrong");
-    for run in &runs {
-        let mut wrong = 0;
-        for (n, line) in lines.iter().enumerate().filter(|&(n, _)| run.blocked[n] != truth[n]) {
-            let moved = |by: f64| line.map(|[x, y, z]| [x, y, z + by]);
-            wrong += usize::from(exactly(moved(NEAR))? == exactly(moved(-NEAR))? && run.blocked[n] != truth[n]);
-        }
-        let rate = lines.len() as f64 / run.seconds;
-        println!(
-            "{:18} {:12.3} {:9.2} {:8.2} {wrong:7}",
-            run.name,
-            rate / 1e6,
-            1e6 / rate,
-            runs[0].seconds / run.seconds
-        );
+    println!("{:18} {:>10} {:>10} {:>10} {:>10} {:>6}", "", "million/s", "us a line", "x grid", "x parry3d", "wrong");
+    for (n, way) in ways.iter().enumerate() {
+        let wrong =
+            (0..lines.len()).filter(|&k| blocked[n].get(k) != Some(&truth[k]) && !is_near_tie(lines[k], exactly));
+        let (wrong, each) = (wrong.count(), seconds[n] / lines.len() as f64);
+        let (grid, parry) = (seconds[1] / seconds[n], seconds[2] / seconds[n]);
+        println!("{:18} {:10.3} {:10.3} {grid:10.2} {parry:10.2} {wrong:6}", way.name, 1e-6 / each, 1e6 * each);
     }
-    if unread { Err("the terrain could not be read".into()) } else { Ok(()) }
+    Ok(())
+}
+
+/// Whether raising or lowering the line by very little changes its verdict.
+fn is_near_tie(line: Line, exactly: impl Fn(Line) -> bool) -> bool {
+    let moved = |by: f64| exactly(line.map(|[x, y, z]| [x, y, z + by]));
+    moved(NEAR) != moved(-NEAR)
 }
