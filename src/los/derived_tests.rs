@@ -15,6 +15,15 @@ use super::{
 };
 use crate::terrain::{MemoryField, Posts, SceneScale, synthetic};
 
+/// A known edge a unit in the last place from A, between unknown triangles: no slope towards it can be told.
+#[test]
+fn a_target_height_is_found_where_only_ground_beside_the_observer_blocks() {
+    let known = [(4, 0), (3, 1)];
+    let field = MemoryField::from_fn(5, 2, |i, j| known.contains(&(i, j)).then_some(0.0)).unwrap();
+    let a = [3.0_f64.next_up(), 1.0, 0.0];
+    assert_eq!(least_target_height(&field, a, [0.0, -0.513], Options::default()).unwrap(), Some(0.0));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(3000))]
 

@@ -27,14 +27,17 @@ where
     if plan(a) == b {
         return Ok(None);
     }
-    let level = Line::new(a, [b[0], b[1], a[2]], options.earth);
-    let seen = view(&mut Walk::new(field, a, level.b), level)?;
-    let (Some(crest), false) = (seen.crest, seen.below) else { return Ok(None) };
     let mut lines = Lines::new(field);
     let options = Options { strict: options.strict, earth: options.earth, ..Options::default() };
+    if lines.ask(a, a, options)?.verdict == Verdict::Blocked {
+        return Ok(None);
+    }
+    let level = Line::new(a, [b[0], b[1], a[2]], options.earth);
+    // A crossing too close to A for a slope has no crest; where to begin decides no answer.
+    let rise = view(&mut Walk::new(field, a, level.b), level)?.crest.map_or(0.0, |crest| crest.rise);
     let mut blocked =
         |z: f64| -> Result<bool, LosError> { Ok(lines.ask(a, [b[0], b[1], z], options)?.verdict == Verdict::Blocked) };
-    least(a[2] + crest.rise, &mut blocked)
+    least(a[2] + rise, &mut blocked)
 }
 
 /// The least f64 that is not blocked, near a guess; `None` when none is.
