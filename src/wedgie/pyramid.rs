@@ -109,7 +109,7 @@ impl BoundsPyramid {
     }
 
     /// The bounds of the diamond at `p`, no corner; `None` when `p` has an odd coordinate:
-    /// then [`finest_bounds`] gives them.
+    /// then [`super::finest_bounds`] gives them.
     pub fn get(&self, p: Post) -> Option<DiamondBounds> {
         let k = (p.i | p.j).trailing_zeros() as usize;
         self.lattices.get(k.checked_sub(1)?).map(|lattice| lattice.get(p))
