@@ -83,8 +83,8 @@ impl More {
             "triangle_from_b": from_b,
             "deepest": self.deepest.map(|d| json!({ "position": d.point, "t": d.t, "clearance": d.clearance })),
             "least_target_height": self.least_target_height,
-            "line": stretches(&self.line, line_state),
-            "ground": self.ground.as_ref().map(|ground| stretches(ground, ground_state)),
+            "line": stretches(&self.line, LineState::name),
+            "ground": self.ground.as_ref().map(|ground| stretches(ground, GroundState::name)),
         })
     }
 
@@ -99,8 +99,8 @@ impl More {
         let stretch = |name: &str, from: f64, to: f64, state: &str| {
             format!("{name:9} {:.4} to {:.4} {}", from, to, state.to_lowercase())
         };
-        lines.extend(self.line.iter().map(|s| stretch("line", s.from, s.to, line_state(s.state))));
-        lines.extend(self.ground.iter().flatten().map(|s| stretch("ground", s.from, s.to, ground_state(s.state))));
+        lines.extend(self.line.iter().map(|s| stretch("line", s.from, s.to, s.state.name())));
+        lines.extend(self.ground.iter().flatten().map(|s| stretch("ground", s.from, s.to, s.state.name())));
         lines
     }
 }
@@ -115,20 +115,4 @@ fn part_of_line(resolved: Option<&v1::Segment>, at: [f64; 3]) -> f64 {
 
 fn stretches<S: Copy>(stretches: &[Stretch<S>], name: fn(S) -> &'static str) -> Vec<Value> {
     stretches.iter().map(|s| json!({ "from": s.from, "to": s.to, "state": name(s.state) })).collect()
-}
-
-fn line_state(state: LineState) -> &'static str {
-    match state {
-        LineState::Above => "ABOVE",
-        LineState::Below => "BELOW",
-        LineState::Unknown => "UNKNOWN",
-    }
-}
-
-fn ground_state(state: GroundState) -> &'static str {
-    match state {
-        GroundState::Seen => "SEEN",
-        GroundState::Hidden => "HIDDEN",
-        GroundState::Unknown => "UNKNOWN",
-    }
 }

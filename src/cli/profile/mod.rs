@@ -173,7 +173,8 @@ impl Profile {
             let Row { t, range_m, at: [x, y], ground_m, line_m, .. } = row;
             let ground = ground_m.map_or(String::new(), |z| z.to_string());
             let clearance = ground_m.map_or(String::new(), |z| (line_m - z).to_string());
-            let (line, seen) = (line_name(self.line_at(*t)), ground_name(ground_at(&self.ground, *t)));
+            let line = self.line_at(*t).unwrap_or(LineState::Unknown).name();
+            let seen = ground_at(&self.ground, *t).unwrap_or(GroundState::Unknown).name();
             // Writing to a String cannot fail.
             let _ = writeln!(out, "{t},{range_m},{x},{y},{ground},{line_m},{clearance},{line},{seen}");
         }
@@ -188,8 +189,8 @@ impl Profile {
 
     fn document(&self, whole: bool) -> serde_json::Value {
         let stretch = |from: f64, to: f64, state: &str| json!({ "from": from, "to": to, "state": state });
-        let line: Vec<_> = self.line.iter().map(|s| stretch(s.from, s.to, line_name(Some(s.state)))).collect();
-        let ground: Vec<_> = self.ground.iter().map(|s| stretch(s.from, s.to, ground_name(Some(s.state)))).collect();
+        let line: Vec<_> = self.line.iter().map(|s| stretch(s.from, s.to, s.state.name())).collect();
+        let ground: Vec<_> = self.ground.iter().map(|s| stretch(s.from, s.to, s.state.name())).collect();
         let row = |row: &Row| {
             json!({
                 "t": row.t, "range_m": row.range_m, "x": row.at[0], "y": row.at[1], "ground": row.ground_m,
@@ -211,20 +212,4 @@ impl Profile {
 fn ground_at(stretches: &[Stretch<GroundState>], t: f64) -> Option<GroundState> {
     let at = || stretches.iter().filter(|s| s.from <= t && t <= s.to).map(|s| s.state);
     [GroundState::Seen, GroundState::Hidden].into_iter().find(|&state| at().any(|s| s == state)).or_else(|| at().next())
-}
-
-fn line_name(state: Option<LineState>) -> &'static str {
-    match state {
-        Some(LineState::Above) => "ABOVE",
-        Some(LineState::Below) => "BELOW",
-        Some(LineState::Unknown) | None => "UNKNOWN",
-    }
-}
-
-fn ground_name(state: Option<GroundState>) -> &'static str {
-    match state {
-        Some(GroundState::Seen) => "SEEN",
-        Some(GroundState::Hidden) => "HIDDEN",
-        Some(GroundState::Unknown) | None => "UNKNOWN",
-    }
 }

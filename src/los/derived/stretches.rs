@@ -53,6 +53,17 @@ pub enum LineState {
     Unknown,
 }
 
+impl LineState {
+    /// ABOVE, BELOW or UNKNOWN.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Above => "ABOVE",
+            Self::Below => "BELOW",
+            Self::Unknown => "UNKNOWN",
+        }
+    }
+}
+
 /// Whether ground is seen.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum GroundState {
@@ -62,6 +73,17 @@ pub enum GroundState {
     Hidden,
     /// There is no known ground, or the line from A to it is UNKNOWN.
     Unknown,
+}
+
+impl GroundState {
+    /// SEEN, HIDDEN or UNKNOWN.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Seen => "SEEN",
+            Self::Hidden => "HIDDEN",
+            Self::Unknown => "UNKNOWN",
+        }
+    }
 }
 
 /// Stretches in the making.

@@ -18,8 +18,10 @@ use std::{error::Error, fs, path::Path, time::Instant};
 use sightline::{
     database::{Database, OpenOptions},
     los::{Answer, Earth, Lines, Options, Precision, Verdict, line_of_sight_batch, on_ground},
-    terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, synthetic},
+    terrain::{HeightField, MemoryField, synthetic},
 };
+
+use sightline_bench::cut;
 
 use grid_walk::GridWalk;
 use parry::Parry;
@@ -77,7 +79,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let asked = Asked::parse()?;
     let side = asked.side.unwrap_or(4097);
     let (field, post_m, unit_m) = match &asked.database {
-        Some(path) => cut(Path::new(path), side)?,
+        Some(path) => {
+            let database = Database::open(Path::new(path), OpenOptions::default())?;
+            let scale = database.scale();
+            let field = cut(&database, [0, 0], side, |post| (!post.void).then_some(post.z))?;
+            (field, [scale.east_m, scale.north_m], scale.up_m)
+        }
         None => (synthetic::fractal(side, side, 1, 1000)?, [SYNTHETIC_POST_M; 2], 1.0),
     };
     let grid_walk = GridWalk::new(&field)?;
@@ -115,27 +122,6 @@ fn export(folder: &Path, name: &str, grid_walk: &GridWalk, lines: &[Line]) -> Re
     fs::write(folder.join("heights.f32"), heights)?;
     let numbers: Vec<u8> = lines.iter().flatten().flatten().flat_map(|v| v.to_le_bytes()).collect();
     Ok(fs::write(folder.join(format!("{name}.f64")), numbers)?)
-}
-
-/// The south-west of a database in memory, metres per post, and metres per height unit.
-fn cut(path: &Path, side: u32) -> Result<(MemoryField, [f64; 2], f64), Box<dyn Error>> {
-    let database = Database::open(path, OpenOptions::default())?;
-    let (nx, ny) = (database.grid().nx().min(side), database.grid().ny().min(side));
-    let mut posts = sightline::terrain::Posts::new(&database);
-    let mut failure = None;
-    let field =
-        MemoryField::from_fn(nx, ny, |i, j| match posts.page(PageId { pi: i / PAGE_SIDE, pj: j / PAGE_SIDE }) {
-            Ok(page) => {
-                let post = page.at(i % PAGE_SIDE, j % PAGE_SIDE);
-                (!post.void).then_some(post.z)
-            }
-            Err(error) => {
-                failure = Some(error);
-                None
-            }
-        })?;
-    let scale = database.scale();
-    failure.map_or(Ok((field, [scale.east_m, scale.north_m], scale.up_m)), |error| Err(error.into()))
 }
 
 /// Lines with both ends above known ground, the same in every run.

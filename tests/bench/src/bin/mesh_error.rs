@@ -19,11 +19,13 @@ use std::{
 };
 
 use sightline::{
+    database::{Database, OpenOptions},
     roam::{Target, ViewMesh},
     terrain::{HeightField, MemoryField, Posts, SceneScale, synthetic},
     view::Camera,
     wedgie::MemoryTerrain,
 };
+use sightline_bench::cut;
 use sightline_proto::{
     diamond::{Post, RootSquare, Triangle},
     mesh::Mesh,
@@ -43,7 +45,8 @@ fn main() -> Result<()> {
     let databases: Vec<_> = std::env::args().skip(1).collect();
     let mut terrains = Vec::new();
     for path in &databases {
-        terrains.push((path.clone(), sightline_bench::cut(Path::new(path), [0, 0], GREATEST_SIDE)?.0));
+        let database = Database::open(Path::new(path), OpenOptions::default())?;
+        terrains.push((path.clone(), cut(&database, [0, 0], GREATEST_SIDE, |post| Some(post.z))?));
     }
     if terrains.is_empty() {
         terrains.push(("synthetic".into(), synthetic::fractal(GREATEST_SIDE, GREATEST_SIDE, 1, 1000)?));

@@ -68,22 +68,8 @@ fn cut(path: &Path, side: u32) -> Result<MemoryTerrain> {
     let (nx, ny) = (database.grid().nx().min(side), database.grid().ny().min(side));
     // Even offsets keep the triangulation.
     let (west, south) = ((database.grid().nx() - nx) & !1, (database.grid().ny() - ny) & !1);
-    let mut posts = Posts::new(&database);
-    let mut failure = None;
-    let field = MemoryField::from_fn(nx, ny, |i, j| {
-        let (i, j) = (i + west, j + south);
-        match posts.page(PageId { pi: i / PAGE_SIDE, pj: j / PAGE_SIDE }) {
-            Ok(page) => Some(page.at(i % PAGE_SIDE, j % PAGE_SIDE).z),
-            Err(error) => {
-                failure = Some(error);
-                None
-            }
-        }
-    })?;
-    match failure {
-        Some(error) => Err(error.into()),
-        None => Ok(MemoryTerrain::new(field, database.scale())?),
-    }
+    let field = sightline_bench::cut(&database, [west, south], side, |post| Some(post.z))?;
+    Ok(MemoryTerrain::new(field, database.scale())?)
 }
 
 #[derive(Clone, Copy, PartialEq, Debug)]
