@@ -8,9 +8,7 @@
 
 #[cfg(test)]
 mod guarantees;
-mod nodes;
 mod options;
-mod pace;
 mod queues;
 mod reader;
 mod requirements;

@@ -15,7 +15,7 @@ use crate::view::Planes;
 /// Mixes the bits of a post's key by one multiplication (Fibonacci hashing, Knuth 6.4). Deterministic; no result
 /// depends on the order of such a map.
 #[derive(Clone, Copy, Default, Debug)]
-pub(super) struct KeyHasher(u64);
+pub(in crate::roam) struct KeyHasher(u64);
 
 impl Hasher for KeyHasher {
     fn finish(&self) -> u64 {
@@ -34,7 +34,7 @@ impl Hasher for KeyHasher {
     }
 }
 
-pub(super) type KeyMap<V> = HashMap<u64, V, BuildHasherDefault<KeyHasher>>;
+pub(in crate::roam) type KeyMap<V> = HashMap<u64, V, BuildHasherDefault<KeyHasher>>;
 
 /// No slot.
 const NONE: u32 = u32::MAX;
