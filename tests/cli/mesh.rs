@@ -19,7 +19,7 @@ pub(super) fn database(folder: &Path) -> String {
 }
 
 #[test]
-fn meshes_are_written_as_ply_and_obj() {
+fn meshes_are_written_as_ply_obj_and_glb() {
     let folder = tempfile::tempdir().unwrap();
     let db = database(folder.path());
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
@@ -42,6 +42,10 @@ fn meshes_are_written_as_ply_and_obj() {
     let obj = fs::read_to_string(path("m.obj")).unwrap();
     let faces = obj.lines().filter(|line| line.starts_with("f ")).count();
     assert_eq!(document["drawn_triangles"].as_u64(), Some(faces as u64));
+
+    assert_eq!(status(&sightline(&["mesh", &db, "-o", &path("m.glb"), "--error", "5"])), 0);
+    let glb = fs::read(path("m.glb")).unwrap();
+    assert_eq!((&glb[..4], &glb[8..12]), (&b"glTF"[..], &(glb.len() as u32).to_le_bytes()[..]));
 
     let piped = sightline(&["mesh", &db, "-o", "-", "--triangles", "9", "--quiet"]);
     assert!(piped.stdout.starts_with(b"ply\n") && piped.stderr.is_empty());

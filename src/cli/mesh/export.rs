@@ -1,6 +1,8 @@
-//! A mesh as vertices and triangles, and its file formats: PLY (binary, little-endian) and Wavefront OBJ.
+//! A mesh as vertices and triangles, and its file formats: PLY (binary, little-endian) and Wavefront OBJ here, glTF
+//! binary in [`super::glb`].
 //!
-//! Positions are f64 metres in the scene frame: in f32 a terrain of 500 km would lose centimetres. Normals are the mean
+//! Positions are f64 metres in the scene frame: in f32 a terrain of 500 km would lose centimetres (glTF has no f64; see
+//! there). Normals are the mean
 //! of the adjoining triangles' normals weighted by area. Triangles that share no interior with the grid are left out;
 //! those that reach beyond it are whole.
 
@@ -12,19 +14,21 @@ use std::{
 use glam::DVec3;
 use sightline_proto::{diamond::Post, mesh::Mesh};
 
+use super::glb;
 use crate::terrain::SceneScale;
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Format {
     Ply,
     Obj,
+    Glb,
 }
 
 /// Triangles with shared vertices; counter-clockwise seen from above.
 pub(super) struct Surface {
-    positions: Vec<DVec3>,
-    normals: Vec<DVec3>,
-    triangles: Vec<[u32; 3]>,
+    pub(super) positions: Vec<DVec3>,
+    pub(super) normals: Vec<DVec3>,
+    pub(super) triangles: Vec<[u32; 3]>,
 }
 
 impl Surface {
@@ -79,6 +83,7 @@ impl Surface {
         match format {
             Format::Ply => self.write_ply(out)?,
             Format::Obj => self.write_obj(out)?,
+            Format::Glb => glb::write(self, out)?,
         }
         out.flush()
     }

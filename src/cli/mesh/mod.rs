@@ -1,6 +1,7 @@
 //! `sightline mesh`: one mesh of a database as a file.
 
 mod export;
+mod glb;
 
 use std::{
     fs::{self, File},
@@ -44,8 +45,9 @@ pub(super) struct Args {
     /// The database.
     #[arg(value_name = "DB")]
     database: PathBuf,
-    /// Where the mesh goes; the name ends in .ply (binary) or .obj (text). - is standard output, as .ply.
-    #[arg(short, value_name = "F.ply|obj")]
+    /// Where the mesh goes; the name ends in .ply (binary), .obj (text) or .glb (glTF binary, y up). - is standard
+    /// output, as .ply.
+    #[arg(short, value_name = "F.ply|obj|glb")]
     output: PathBuf,
     /// Greatest number of triangles, at least 2.
     #[arg(long, value_name = "N", group = "target")]
@@ -138,7 +140,8 @@ impl Args {
         match extension.as_deref() {
             Some("ply") => Ok(Format::Ply),
             Some("obj") => Ok(Format::Obj),
-            _ => Err(Failure::Usage(format!("{} must end in .ply or .obj", self.output.display()))),
+            Some("glb") => Ok(Format::Glb),
+            _ => Err(Failure::Usage(format!("{} must end in .ply, .obj or .glb", self.output.display()))),
         }
     }
 
