@@ -1,6 +1,7 @@
 //! The server as clients meet it: really started, on a loopback port.
 
 mod lines;
+mod resume;
 
 use std::{
     sync::{

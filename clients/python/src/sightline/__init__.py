@@ -1,0 +1,91 @@
+"""Client of a Sightline server: exact lines of sight, and meshes on which they come out the same.
+
+    import sightline
+
+    with sightline.connect("127.0.0.1:7410") as server:
+        print(server.line_of_sight((500, 400, 2), (900, 700, 2), altitude="agl").verdict)
+
+:func:`connect` blocks; :mod:`sightline.aio` has the same calls for `asyncio`. A view's mesh is decoded, checked and asked
+for verdicts here, by code that shares nothing with the server but its specification (`proto/WIRE.md`).
+"""
+
+from . import aio
+from .blocking import Client, View, connect
+from .camera import Pose, Settings
+from .errors import (
+    ConnectError,
+    DeadlineExceeded,
+    PayloadError,
+    ProtocolError,
+    Refused,
+    SceneError,
+    SightlineError,
+)
+from .mesh import Grid, Mesh
+from .scene import Frame, Scene
+from .types import (
+    EYE_LINE_ID,
+    AtEntity,
+    AtPoint,
+    Entity,
+    Exercise,
+    ExerciseSummary,
+    Fidelity,
+    Heights,
+    Horizon,
+    LineOfSight,
+    LinesOfSight,
+    Obstruction,
+    Profile,
+    Ray,
+    RayEnd,
+    SightLine,
+    StatedLine,
+    Terrain,
+    UnknownReason,
+    Verdict,
+    Viewshed,
+)
+from .verdict import verdict_on_mesh
+
+__all__ = [
+    "EYE_LINE_ID",
+    "AtEntity",
+    "AtPoint",
+    "Client",
+    "ConnectError",
+    "DeadlineExceeded",
+    "Entity",
+    "Exercise",
+    "ExerciseSummary",
+    "Fidelity",
+    "Frame",
+    "Grid",
+    "Heights",
+    "Horizon",
+    "LineOfSight",
+    "LinesOfSight",
+    "Mesh",
+    "Obstruction",
+    "PayloadError",
+    "Pose",
+    "Profile",
+    "ProtocolError",
+    "Ray",
+    "RayEnd",
+    "Refused",
+    "Scene",
+    "SceneError",
+    "Settings",
+    "SightLine",
+    "SightlineError",
+    "StatedLine",
+    "Terrain",
+    "UnknownReason",
+    "Verdict",
+    "View",
+    "Viewshed",
+    "aio",
+    "connect",
+    "verdict_on_mesh",
+]

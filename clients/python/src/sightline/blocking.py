@@ -1,0 +1,149 @@
+"""The client for programs without `asyncio`: the calls of :mod:`sightline.aio`, each waiting for its answer.
+
+An event loop of its own runs in a thread for each connection, so this works in notebooks, too, where another loop runs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import threading
+from collections.abc import Callable, Coroutine
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from . import aio
+from .camera import Pose, Settings
+from .errors import ConnectError
+from .scene import Scene
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class _Loop:
+    """An event loop in a thread."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="sightline", daemon=True)
+        self._thread.start()
+
+    def run(self, coroutine: Coroutine[Any, Any, R]) -> R:
+        if self._loop.is_closed():
+            coroutine.close()
+            raise ConnectError("the connection is closed")
+        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        try:
+            return future.result()
+        except BaseException:
+            future.cancel()  # an interrupt from the keyboard; without effect on a future that is done
+            raise
+
+    def stop(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+            self._loop.close()
+
+
+def _client(method: Callable[Concatenate[aio.Client, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[Client, P], R]:
+    @functools.wraps(method)
+    def call(self: Client, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self._loop.run(method(self._client, *args, **kwargs))
+
+    return call
+
+
+def _view(method: Callable[Concatenate[aio.View, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[View, P], R]:
+    @functools.wraps(method)
+    def call(self: View, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self._loop.run(method(self._view, *args, **kwargs))
+
+    return call
+
+
+def connect(address: str, *, timeout_s: float = 60.0, connect_timeout_s: float = 10.0) -> Client:
+    """Connects to the server at `address`, such as ``"127.0.0.1:7410"``.
+
+    `timeout_s` is the deadline of each call but the scene stream. Raises :class:`ConnectError` when nothing answers.
+    """
+    loop = _Loop()
+    try:
+        return Client(loop, loop.run(aio.connect(address, timeout_s=timeout_s, connect_timeout_s=connect_timeout_s)))
+    except BaseException:
+        loop.stop()
+        raise
+
+
+class Client:
+    """A connection to a server. Made by :func:`connect`; the calls are those of :class:`sightline.aio.Client`."""
+
+    def __init__(self, loop: _Loop, client: aio.Client) -> None:
+        self._loop = loop
+        self._client = client
+
+    terrain = _client(aio.Client.terrain)
+    heights = _client(aio.Client.heights)
+    line_of_sight = _client(aio.Client.line_of_sight)
+    lines_of_sight = _client(aio.Client.lines_of_sight)
+    ray = _client(aio.Client.ray)
+    horizon = _client(aio.Client.horizon)
+    profile = _client(aio.Client.profile)
+    viewshed = _client(aio.Client.viewshed)
+    intervisibility = _client(aio.Client.intervisibility)
+    create_exercise = _client(aio.Client.create_exercise)
+    exercises = _client(aio.Client.exercises)
+    exercise = _client(aio.Client.exercise)
+    change_exercise = _client(aio.Client.change_exercise)
+    delete_exercise = _client(aio.Client.delete_exercise)
+
+    def view(self, pose: Pose, settings: Settings | None = None, *, exercise: str = "") -> View:
+        """Opens a view of `exercise` (empty: of the terrain alone)."""
+        return View(self._loop, self._loop.run(self._client.view(pose, settings, exercise=exercise)))
+
+    def close(self) -> None:
+        """Closes the connection and its views."""
+        try:
+            self._loop.run(self._client.close())
+        except ConnectError:
+            return
+        self._loop.stop()
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class View:
+    """One view. Made by :meth:`Client.view`; the calls are those of :class:`sightline.aio.View`."""
+
+    def __init__(self, loop: _Loop, view: aio.View) -> None:
+        self._loop = loop
+        self._view = view
+
+    @property
+    def scene(self) -> Scene:
+        """What is known of the view: mesh, sight lines, unsatisfied lines, last frame."""
+        return self._view.scene
+
+    @property
+    def bytes_received(self) -> int:
+        """Of mesh payloads, since the view was opened first."""
+        return self._view.bytes_received
+
+    steer = _view(aio.View.steer)
+    change = _view(aio.View.change)
+    request_snapshot = _view(aio.View.request_snapshot)
+    frame = _view(aio.View.frame)
+    frame_of = _view(aio.View.frame_of)
+    resume = _view(aio.View.resume)
+    close = _view(aio.View.close)
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()

@@ -1,0 +1,317 @@
+"""What questions are made of and what answers hold: enums, dataclasses and numpy arrays.
+
+Frames: *grid* is posts east, posts north and height units from the south-west post; *scene* is metres east, north and up
+from the same post; *map* is the DEM's own reference system with z in metres; *geographic* is longitude, latitude (degrees)
+and metres.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+Verdicts = npt.NDArray[np.int8]
+Point = Sequence[float] | Floats
+"""Three numbers: x, y, z."""
+
+Frame = Literal["map", "grid", "geographic", "scene"]
+Altitude = Literal["absolute", "agl"]
+"""What z means: above the DEM's vertical datum, or above the ground."""
+Precision = Literal["exact", "f64", "fast"]
+
+EYE_LINE_ID = (1 << 64) - 1
+"""The id that a frame gives to the requirement that the viewer's eye is not under its own mesh."""
+
+
+class Verdict(enum.IntEnum):
+    """The answer to a line-of-sight question; the numbers are those of the wire and of arrays."""
+
+    VISIBLE = 1
+    UNKNOWN = 2
+    BLOCKED = 3
+
+
+class UnknownReason(enum.IntEnum):
+    """Why a verdict is UNKNOWN."""
+
+    NOT_UNKNOWN = 0
+    UNKNOWN_GROUND = 1
+    NO_GROUND = 2
+
+
+class Fidelity(enum.IntEnum):
+    """What a sight line asks of each mesh."""
+
+    VERDICT = 1
+    WEDGIE = 2
+    PROFILE = 3
+
+
+class RayEnd(enum.IntEnum):
+    """How a ray ends."""
+
+    HIT = 1
+    MISS = 2
+    STARTS_BELOW = 3
+    NO_GROUND = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """The terrain of a server."""
+
+    version: str
+    """Content hash, in hex: servers with the same version hold the same terrain, bit for bit."""
+    nx: int
+    """Posts from west to east."""
+    ny: int
+    """Posts from south to north."""
+    root_exponent: int
+    """The root square has 2**root_exponent cells a side."""
+    scale: tuple[float, float, float]
+    """Metres per post east, per post north, per height unit, at the grid's centre."""
+    heights: tuple[float, float]
+    """Lowest and highest known height, in height units."""
+    void_posts: int
+    origin: tuple[float, float]
+    """Map coordinates of post (0, 0)."""
+    step: tuple[float, float]
+    """Map units per post east and north."""
+    epsg: int | None
+    geographic: bool
+    """Whether map coordinates are longitude and latitude in degrees."""
+    corner_heights: tuple[int, ...]
+    """Of the root square: south-west, south-east, north-west, north-east, in height units."""
+
+    def map_from_grid(self, x: float, y: float) -> tuple[float, float]:
+        """Map coordinates of a plan position in posts."""
+        return self.origin[0] + self.step[0] * x, self.origin[1] + self.step[1] * y
+
+    def scene_from_grid(self, point: Point) -> Floats:
+        """Metres east, north, up of a position in the grid frame."""
+        return np.multiply(point, self.scale, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Heights:
+    """Ground heights at plan positions, in the order asked."""
+
+    z: Floats
+    """(n,), in the z unit of the frame asked in; NaN where the ground is unknown."""
+    normals: Floats | None
+    """(n, 3), upward unit normals in the scene frame, if asked for; 0 where no triangle is known."""
+
+    @property
+    def known(self) -> Bools:
+        """(n,), whether the ground is known."""
+        return np.logical_not(np.isnan(self.z))
+
+
+@dataclass(frozen=True, slots=True)
+class Obstruction:
+    """Where a line first goes below ground, seen from one of its ends."""
+
+    position: Floats
+    """(3,), grid frame."""
+    range_m: float
+    """Slant range from that end, scene frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineOfSight:
+    """The exact answer to one question."""
+
+    verdict: Verdict
+    unknown_reason: UnknownReason
+    ends: Floats | None
+    """(2, 3), the ends as resolved, grid frame: the verdict is exact for these. None without ground below an end."""
+    grazes: bool
+    """Whether a visible line touches the ground between its ends."""
+    certain: bool
+    """Whether verdict and grazing are exact."""
+    range_m: float
+    """Plan length, scene frame."""
+    sagitta_m: float
+    """How far the Earth bulges above the chord at mid-line; 0 without a georeference. The verdict ignores it."""
+    first_from_a: Obstruction | None = None
+    first_from_b: Obstruction | None = None
+    least_clearance: float | None = None
+    """Of a visible line, height units, if derived values were asked for."""
+    deepest: float | None = None
+    """Of a blocked line: its greatest depth below ground, height units."""
+    least_target_z: float | None = None
+    """The least z of the target, grid frame, at which the line would not be blocked."""
+
+    @property
+    def visible(self) -> bool:
+        """Whether the verdict is VISIBLE."""
+        return self.verdict is Verdict.VISIBLE
+
+
+@dataclass(frozen=True, slots=True)
+class LinesOfSight:
+    """The answers to a batch of questions, in its order."""
+
+    verdicts: Verdicts
+    """(n,), int8, numbers of :class:`Verdict`."""
+    grazes: Bools
+    certain: Bools
+
+    @property
+    def visible(self) -> Bools:
+        """(n,), whether each verdict is VISIBLE."""
+        return np.equal(self.verdicts, Verdict.VISIBLE)
+
+
+@dataclass(frozen=True, slots=True)
+class Ray:
+    """What a ray meets."""
+
+    end: RayEnd
+    segment: Floats | None
+    """(2, 3), grid frame: the answer is exact for it."""
+    hit: Floats | None
+    """(3,), grid frame."""
+    range_m: float | None
+    """Slant range to the hit, scene frame."""
+    normal: Floats | None
+    """(3,), upward unit normal of the ground at the hit, scene frame."""
+    over_unknown: bool
+    """Whether it passes unknown ground before it ends, so that it may have ended there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Horizon:
+    """The crest of the ground around an observer, azimuth by azimuth."""
+
+    azimuths_deg: Floats
+    """(n,), clockwise from grid north."""
+    elevation_deg: Floats
+    """(n,), above the horizontal; NaN where no ground is known."""
+    range_m: Floats
+    """(n,), plan distance of the crest, scene frame; NaN where no ground is known."""
+    over_unknown: Bools
+    """(n,), whether some ground along the azimuth is unknown, so that the horizon may be higher."""
+    below_ground: bool
+    """Whether the observer is strictly below ground and sees nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """The breaks of the ground under a line, in order; between two the ground is linear, or unknown."""
+
+    t: Floats
+    """(n,), place on the line: 0 at its beginning, 1 at its end."""
+    x: Floats
+    """(n,), posts east."""
+    y: Floats
+    """(n,), posts north."""
+    ground: Floats
+    """(n,), height units; NaN where unknown."""
+    known_after: Bools
+    """(n,), whether all ground up to the next break is known; False for the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Viewshed:
+    """What an observer sees of the posts of a region."""
+
+    cells: Verdicts
+    """(rows, columns), int8: 0 outside the region, else the number of a :class:`Verdict`. Row 0 is the southernmost."""
+    first_i: int
+    """Column of the post of `cells[:, 0]`."""
+    first_j: int
+    """Row of the post of `cells[0]`."""
+    terrain: Terrain
+
+    @property
+    def visible(self) -> Bools:
+        """(rows, columns), whether each post is seen."""
+        return np.equal(self.cells, Verdict.VISIBLE)
+
+    def counts(self) -> dict[Verdict, int]:
+        """How many posts of the region have each verdict."""
+        return {verdict: int((self.cells == verdict).sum()) for verdict in Verdict}
+
+    def to_geotiff(self, path: str) -> None:
+        """Writes the cells as a GeoTIFF, north up, 0 as no data. Needs rasterio: ``pip install sightline[raster]``."""
+        from .raster import write_geotiff
+
+        write_geotiff(self, path)
+
+
+@dataclass(frozen=True, slots=True)
+class Entity:
+    """A thing that has a place and may move."""
+
+    id: int
+    position: Point
+    frame: Frame = "map"
+    altitude: Altitude = "absolute"
+
+
+@dataclass(frozen=True, slots=True)
+class AtEntity:
+    """An end of a sight line that follows an entity, `height_offset_m` above it."""
+
+    entity_id: int
+    height_offset_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class AtPoint:
+    """An end of a sight line that stays where it is."""
+
+    position: Point
+    frame: Frame = "map"
+    altitude: Altitude = "absolute"
+
+
+@dataclass(frozen=True, slots=True)
+class SightLine:
+    """A sight line to register. Lines are satisfied in order of `priority`, least first, then `id`."""
+
+    id: int
+    a: AtEntity | AtPoint
+    b: AtEntity | AtPoint
+    fidelity: Fidelity = Fidelity.VERDICT
+    priority: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class StatedLine:
+    """A registered sight line as the server states it at one epoch."""
+
+    id: int
+    ends: tuple[tuple[float, float, float], tuple[float, float, float]] | None
+    """Grid frame; None when an end has no ground below it."""
+    verdict: Verdict
+    fidelity: Fidelity
+
+
+@dataclass(frozen=True, slots=True)
+class Exercise:
+    """One running simulation at one epoch."""
+
+    name: str
+    epoch: int
+    entities: tuple[Entity, ...]
+    lines: dict[int, StatedLine]
+    """By id."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExerciseSummary:
+    """The outline of an exercise."""
+
+    name: str
+    epoch: int
+    entities: int
+    sight_lines: int

@@ -1,0 +1,164 @@
+from sightline.v1 import common_pb2 as _common_pb2
+from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Fidelity(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    FIDELITY_UNSPECIFIED: _ClassVar[Fidelity]
+    FIDELITY_VERDICT: _ClassVar[Fidelity]
+    FIDELITY_WEDGIE: _ClassVar[Fidelity]
+    FIDELITY_PROFILE: _ClassVar[Fidelity]
+FIDELITY_UNSPECIFIED: Fidelity
+FIDELITY_VERDICT: Fidelity
+FIDELITY_WEDGIE: Fidelity
+FIDELITY_PROFILE: Fidelity
+
+class Entity(_message.Message):
+    __slots__ = ("id", "position", "frame", "altitude")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    POSITION_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    position: _common_pb2.Position
+    frame: _common_pb2.CoordinateFrame
+    altitude: _common_pb2.AltitudeReference
+    def __init__(self, id: _Optional[int] = ..., position: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., altitude: _Optional[_Union[_common_pb2.AltitudeReference, str]] = ...) -> None: ...
+
+class Anchor(_message.Message):
+    __slots__ = ("entity", "point")
+    ENTITY_FIELD_NUMBER: _ClassVar[int]
+    POINT_FIELD_NUMBER: _ClassVar[int]
+    entity: EntityAnchor
+    point: PointAnchor
+    def __init__(self, entity: _Optional[_Union[EntityAnchor, _Mapping]] = ..., point: _Optional[_Union[PointAnchor, _Mapping]] = ...) -> None: ...
+
+class EntityAnchor(_message.Message):
+    __slots__ = ("entity_id", "height_offset_m")
+    ENTITY_ID_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_OFFSET_M_FIELD_NUMBER: _ClassVar[int]
+    entity_id: int
+    height_offset_m: float
+    def __init__(self, entity_id: _Optional[int] = ..., height_offset_m: _Optional[float] = ...) -> None: ...
+
+class PointAnchor(_message.Message):
+    __slots__ = ("position", "frame", "altitude")
+    POSITION_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_FIELD_NUMBER: _ClassVar[int]
+    position: _common_pb2.Position
+    frame: _common_pb2.CoordinateFrame
+    altitude: _common_pb2.AltitudeReference
+    def __init__(self, position: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., altitude: _Optional[_Union[_common_pb2.AltitudeReference, str]] = ...) -> None: ...
+
+class SightLine(_message.Message):
+    __slots__ = ("id", "a", "b", "fidelity", "priority")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    A_FIELD_NUMBER: _ClassVar[int]
+    B_FIELD_NUMBER: _ClassVar[int]
+    FIDELITY_FIELD_NUMBER: _ClassVar[int]
+    PRIORITY_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    a: Anchor
+    b: Anchor
+    fidelity: Fidelity
+    priority: int
+    def __init__(self, id: _Optional[int] = ..., a: _Optional[_Union[Anchor, _Mapping]] = ..., b: _Optional[_Union[Anchor, _Mapping]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., priority: _Optional[int] = ...) -> None: ...
+
+class SightLineState(_message.Message):
+    __slots__ = ("id", "resolved", "verdict", "unknown_reason", "fidelity")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    RESOLVED_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    UNKNOWN_REASON_FIELD_NUMBER: _ClassVar[int]
+    FIDELITY_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    resolved: _common_pb2.Segment
+    verdict: _common_pb2.Verdict
+    unknown_reason: _common_pb2.UnknownReason
+    fidelity: Fidelity
+    def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ...) -> None: ...
+
+class CreateExerciseRequest(_message.Message):
+    __slots__ = ("name",)
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    def __init__(self, name: _Optional[str] = ...) -> None: ...
+
+class CreateExerciseResponse(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class ListExercisesRequest(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class ListExercisesResponse(_message.Message):
+    __slots__ = ("exercises",)
+    EXERCISES_FIELD_NUMBER: _ClassVar[int]
+    exercises: _containers.RepeatedCompositeFieldContainer[ExerciseSummary]
+    def __init__(self, exercises: _Optional[_Iterable[_Union[ExerciseSummary, _Mapping]]] = ...) -> None: ...
+
+class ExerciseSummary(_message.Message):
+    __slots__ = ("name", "epoch", "entities", "sight_lines")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    ENTITIES_FIELD_NUMBER: _ClassVar[int]
+    SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    epoch: int
+    entities: int
+    sight_lines: int
+    def __init__(self, name: _Optional[str] = ..., epoch: _Optional[int] = ..., entities: _Optional[int] = ..., sight_lines: _Optional[int] = ...) -> None: ...
+
+class GetExerciseRequest(_message.Message):
+    __slots__ = ("name",)
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    def __init__(self, name: _Optional[str] = ...) -> None: ...
+
+class GetExerciseResponse(_message.Message):
+    __slots__ = ("epoch", "entities", "sight_lines")
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    ENTITIES_FIELD_NUMBER: _ClassVar[int]
+    SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    epoch: int
+    entities: _containers.RepeatedCompositeFieldContainer[Entity]
+    sight_lines: _containers.RepeatedCompositeFieldContainer[SightLineState]
+    def __init__(self, epoch: _Optional[int] = ..., entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., sight_lines: _Optional[_Iterable[_Union[SightLineState, _Mapping]]] = ...) -> None: ...
+
+class ChangeExerciseRequest(_message.Message):
+    __slots__ = ("name", "remove_entities", "remove_sight_lines", "put_entities", "put_sight_lines")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    REMOVE_ENTITIES_FIELD_NUMBER: _ClassVar[int]
+    REMOVE_SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    PUT_ENTITIES_FIELD_NUMBER: _ClassVar[int]
+    PUT_SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    remove_entities: _containers.RepeatedScalarFieldContainer[int]
+    remove_sight_lines: _containers.RepeatedScalarFieldContainer[int]
+    put_entities: _containers.RepeatedCompositeFieldContainer[Entity]
+    put_sight_lines: _containers.RepeatedCompositeFieldContainer[SightLine]
+    def __init__(self, name: _Optional[str] = ..., remove_entities: _Optional[_Iterable[int]] = ..., remove_sight_lines: _Optional[_Iterable[int]] = ..., put_entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., put_sight_lines: _Optional[_Iterable[_Union[SightLine, _Mapping]]] = ...) -> None: ...
+
+class ChangeExerciseResponse(_message.Message):
+    __slots__ = ("epoch",)
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    epoch: int
+    def __init__(self, epoch: _Optional[int] = ...) -> None: ...
+
+class DeleteExerciseRequest(_message.Message):
+    __slots__ = ("name",)
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    def __init__(self, name: _Optional[str] = ...) -> None: ...
+
+class DeleteExerciseResponse(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
