@@ -163,6 +163,29 @@ fn a_scene_generator_draws_records_and_checks_itself() {
     let replayed = recording::replay(&kept).unwrap();
     assert_eq!(flown["frames"].as_u64(), Some(replayed.frames));
     assert_eq!(flown["last_hash"].as_str(), Some(&*format!("{:016x}", replayed.last_hash)));
+    // Sliding is drawing only: other pictures, with the triangles of posts that leave, of the same meshes.
+    let flown = |name: &str, more: &[&str]| {
+        let (pictures, usual) = (path(name), ["--frames", "6", "--every", "4", "--viewport", "160x90"]);
+        let done = sightline(&[&["--json", "view", &address, "-o", &pictures], &usual[..], more].concat());
+        assert!(done.status.success(), "{more:?}: {}", text(&done.stderr));
+        let told: Value = serde_json::from_slice(&done.stdout).unwrap();
+        (told["flown"].clone(), std::fs::read(folder.path().join(name).join("view-0004-view.png")).unwrap())
+    };
+    let turn = ["--flight", "turn", "--triangles", "900"];
+    let ((jumps, jumping), (slides, sliding)) =
+        (flown("jumps", &turn), flown("slides", &[&turn[..], &["--morph", "1"]].concat()));
+    assert_eq!((&jumps["last_hash"], &jumps["most_triangles"]), (&slides["last_hash"], &slides["most_triangles"]));
+    assert!(slides["most_triangles_drawn"].as_u64() > slides["most_triangles"].as_u64(), "{slides:#}");
+    assert!(jumps["most_triangles_drawn"].is_null() && jumping != sliding);
+    let (asked, parallel) = flown(
+        "asked",
+        &["--orthographic", "700", "--frame-time", "50", "--region", "900,900,300,8", "--flight", "turn"],
+    );
+    assert!(asked["last_triangles"].as_u64() > Some(2) && parallel != jumping);
+    let (sharp, _) = flown("sharp", &["--pixels", "2", "--flight", "turn", "--triangles", "50000"]);
+    assert!(sharp["most_triangles"].as_u64() < Some(50_000), "{sharp:#}");
+    let weak = sightline(&["view", &address, "-o", &pictures, "--region", "900,900,300,0.5"]);
+    assert_eq!(weak.status.code(), Some(3), "{}", text(&weak.stderr));
     let refused = sightline(&["view", &address, "-o", &pictures, "--record", &record]);
     assert_eq!(refused.status.code(), Some(4), "an existing recording is not replaced");
     let absurd = sightline(&["view", &address, "-o", &pictures, "--flight", "sideways"]);

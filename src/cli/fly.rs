@@ -39,16 +39,19 @@ pub(super) struct Args {
     /// The database.
     #[arg(value_name = "DB")]
     database: PathBuf,
-    /// straight (250 m/s along the terrain), helicopter, orbit, turn (by 180 degrees), teleport, or a CSV file of
-    /// viewpoints in metres of the scene frame: eye_x_m,eye_y_m,eye_z_m,look_x_m,look_y_m,look_z_m.
+    /// terrain-avoidance (250 m/s, low, climbing before ridges), straight (250 m/s, 150 m up), helicopter, orbit, turn
+    /// (by 180 degrees), teleport, or a CSV file of viewpoints in metres of the scene frame: eye_x_m,eye_y_m,eye_z_m,look_x_m,look_y_m,look_z_m.
     #[arg(long, value_name = "PRESET|FILE", default_value = "straight")]
     flight: String,
     /// Frames to fly, 60 to the second of a preset [default: 300, or all of a file].
     #[arg(long, value_name = "F")]
     frames: Option<usize>,
-    /// Triangle budget.
+    /// Triangle budget; with --pixels the most triangles.
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     triangles: u32,
+    /// As few triangles as this distortion in pixels allows.
+    #[arg(long, value_name = "PX")]
+    pixels: Option<f64>,
     /// What makes the meshes: roam, or for comparison roam that computes all priorities in each frame (naive) or builds
     /// each mesh anew (scratch), or another system.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Name::Roam)]
@@ -106,6 +109,8 @@ impl Name {
 #[derive(Clone, Copy, PartialEq, Debug, serde::Serialize)]
 struct Row {
     frame: usize,
+    /// Height of the eye in metres.
+    eye_m: f64,
     ms: f64,
     splits: u64,
     merges: u64,
@@ -120,8 +125,8 @@ struct Row {
 
 /// What makes the meshes.
 enum Maker {
-    Roam(Box<ViewMesh<Database>>, u32),
-    Other(Box<System>, u32, Vec<[u64; 3]>),
+    Roam(Box<ViewMesh<Database>>, Target),
+    Other(Box<System>, lod::Target, Vec<[u64; 3]>),
 }
 
 impl Args {
@@ -152,6 +157,9 @@ impl Args {
             let summary: serde_json::Map<_, _> = summary.into_iter().collect();
             outln!("{:#}", serde_json::json!({ "frames": rows, "summary": summary }));
         } else if !is_piped {
+            if self.output.is_none() && !context.quiet {
+                out!("{}", table(&rows));
+            }
             outln!(
                 "{} frames, {} triangles; median, 95th percentile and greatest of a frame:",
                 rows.len(),
@@ -200,12 +208,18 @@ impl Args {
             Ok(options) => {
                 let mut mesh = ViewMesh::new(Arc::clone(database), database.scale()).map_err(|e| self.unreadable(e))?;
                 mesh.set_options(options);
-                Ok(Maker::Roam(Box::new(mesh), self.triangles))
+                let target = Target::TriangleBudget(self.triangles);
+                let screen = |px| Target::ScreenError { px, max: self.triangles };
+                Ok(Maker::Roam(Box::new(mesh), self.pixels.map_or(target, screen)))
             }
             Err(algorithm) => {
                 let ground = Ground::read(&**database, database.scale())
                     .map_err(|e| Failure::input(self.database.display(), e))?;
-                Ok(Maker::Other(Box::new(algorithm.prepare(&ground)), self.triangles, Vec::new()))
+                if self.pixels.is_some() {
+                    return Err(Failure::Usage("--pixels is for our own refinement: roam, naive or scratch".into()));
+                }
+                let target = lod::Target::Triangles(self.triangles);
+                Ok(Maker::Other(Box::new(algorithm.prepare(&ground)), target, Vec::new()))
             }
         }
     }
@@ -228,6 +242,7 @@ impl Args {
         let flight = Path::new(&self.flight).file_name().map_or(String::new(), |f| f.to_string_lossy().into_owned());
         let column = |value: fn(&Row) -> f64| rows.iter().map(value).collect::<Vec<_>>();
         let columns = [
+            ("height of the eye, m", column(|row| row.eye_m)),
             ("time, ms", column(|row| row.ms)),
             ("splits and merges", column(|row| (row.splits + row.merges) as f64)),
             ("priorities computed", column(|row| row.priorities as f64)),
@@ -251,13 +266,14 @@ impl Maker {
         let [x, y, z, w] = viewpoint.rotation;
         let rotation = DQuat::from_xyzw(x, y, z, w);
         match self {
-            Self::Roam(mesh, triangles) => {
+            Self::Roam(mesh, target) => {
                 let projection = Projection::Perspective { tan_half_fov: TAN_HALF_FOV, near_m: NEAR_M };
                 let camera = Camera::new(viewpoint.eye, rotation, projection, VIEWPORT_PX).map_err(Trouble::Camera)?;
                 let started = Instant::now();
-                let report = mesh.update(&camera, Target::TriangleBudget(*triangles), &[]).map_err(Trouble::Mesh)?;
+                let report = mesh.update(&camera, *target, &[]).map_err(Trouble::Mesh)?;
                 Ok(Row {
                     frame,
+                    eye_m: viewpoint.eye.z,
                     ms: started.elapsed().as_secs_f64() * 1e3,
                     splits: report.work.splits,
                     merges: report.work.merges,
@@ -269,17 +285,18 @@ impl Maker {
                     bound_px: Some(report.bound_px).filter(|px| px.is_finite()),
                 })
             }
-            Self::Other(system, triangles, last) => {
+            Self::Other(system, target, last) => {
                 let view = LodView::new(viewpoint.eye, rotation, TAN_HALF_FOV, NEAR_M, VIEWPORT_PX)
                     .map_err(Trouble::Camera)?;
                 let started = Instant::now();
-                let made = system.update(&view, lod::Target::Triangles(*triangles)).map_err(Trouble::Other)?;
+                let made = system.update(&view, *target).map_err(Trouble::Other)?;
                 let ms = started.elapsed().as_secs_f64() * 1e3;
                 let plan = made.mesh.plan();
                 let triangles_changed = lod::changed(last, &plan);
                 *last = plan;
                 Ok(Row {
                     frame,
+                    eye_m: viewpoint.eye.z,
                     ms,
                     splits: made.statistics.splits,
                     merges: made.statistics.merges,
@@ -295,14 +312,31 @@ impl Maker {
 }
 
 fn csv(rows: &[Row]) -> String {
-    let mut text = "frame,ms,splits,merges,priorities,from_scratch,triangles,triangles_changed,bound_px\n".to_owned();
+    let mut text =
+        "frame,eye_m,ms,splits,merges,priorities,from_scratch,triangles,triangles_changed,bound_px\n".to_owned();
     for row in rows {
-        let Row { frame, ms, splits, merges, priorities, from_scratch, triangles, triangles_changed, bound_px } = row;
+        let Row { frame, eye_m, ms, splits, merges, priorities, from_scratch, triangles, .. } = row;
+        let Row { triangles_changed, bound_px, .. } = row;
         let bound = bound_px.map_or(String::new(), |px| px.to_string());
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "{frame},{ms:.4},{splits},{merges},{priorities},{from_scratch},{triangles},{triangles_changed},{bound}"
+            "{frame},{eye_m:.2},{ms:.4},{splits},{merges},{priorities},{from_scratch},{triangles},{triangles_changed},{bound}"
+        );
+    }
+    text
+}
+
+/// A line for each frame.
+fn table(rows: &[Row]) -> String {
+    let mut text = "frame   splits  merges  priorities        ms  triangles  changed    bound px\n".to_owned();
+    for row in rows {
+        let Row { frame, splits, merges, priorities, ms, triangles, triangles_changed, .. } = row;
+        let bound = row.bound_px.map_or("none".into(), |px| format!("{px:.2}"));
+        let anew = if row.from_scratch { "  built anew" } else { "" };
+        let _ = writeln!(
+            text,
+            "{frame:5}  {splits:7} {merges:7}  {priorities:10}  {ms:8.3}  {triangles:9}  {triangles_changed:7}  {bound:>10}{anew}"
         );
     }
     text

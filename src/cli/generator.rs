@@ -6,13 +6,15 @@
 use std::{
     fs,
     path::{Path, PathBuf},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use prost::Message;
 use serde::{Deserialize, Serialize};
 use sightline_client::{
     Client, ClientError, Event, View,
+    morph::{Drawn, Morph},
+    raster::{Projection, Surface},
     scene::{self, SceneError, SceneState},
 };
 use sightline_proto::{replica::ApplyError, v1};
@@ -52,6 +54,21 @@ pub(super) struct PictureOrder {
     pub(super) window_m: Option<[[f64; 2]; 2]>,
 }
 
+/// What a generator asks of its view beside a triangle budget and a pinhole camera.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Wishes {
+    /// Half the height of the picture in metres: a parallel projection.
+    pub(super) half_height_m: Option<f64>,
+    /// Distortion aimed for, with the triangle count as a cap.
+    pub(super) pixels: Option<f64>,
+    /// Milliseconds that drawing a frame should take, with the triangle count as a cap. Every frame is drawn then.
+    pub(super) frame_time_ms: Option<f64>,
+    /// Regions of interest: metres east and north, radius in metres, weight.
+    pub(super) regions: Vec<[f64; 4]>,
+    /// Seconds of the flight over which new posts slide to their height in pictures.
+    pub(super) morph_s: Option<f64>,
+}
+
 /// What a generator is to do.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Order {
@@ -62,6 +79,7 @@ pub(super) struct Order {
     pub(super) triangles: u32,
     pub(super) tan_half_fov: f64,
     pub(super) viewport_px: [u32; 2],
+    pub(super) wishes: Wishes,
     pub(super) flight: FlightOrder,
     /// Poses to fly; all of a listed flight when absent.
     pub(super) poses: Option<usize>,
@@ -84,6 +102,10 @@ pub(super) struct Flown {
     pub(super) frames: u64,
     pub(super) bytes: u64,
     pub(super) most_triangles: u32,
+    /// Most triangles in a picture, those of posts that are leaving included; `None` where nothing slides.
+    pub(super) most_triangles_drawn: Option<u64>,
+    /// Triangles of the last frame.
+    pub(super) last_triangles: u32,
     /// Verdicts on the own mesh that were compared with the stated ones.
     pub(super) comparisons: u64,
     /// Those that differ without being named.
@@ -123,6 +145,8 @@ pub(super) async fn fly(order: &Order, tell: &mut dyn FnMut(Record) -> Result<()
     let mut generator = Generator::open(&client, order, &viewpoints[0]).await?;
     for (k, viewpoint) in (0_u64..).zip(&viewpoints) {
         generator.fly_to(k, viewpoint, tell).await?;
+        generator.slide(k as f64 / order.rate_hz);
+        generator.time_drawing(order, viewpoint);
         let last = k + 1 == viewpoints.len() as u64;
         if let Some(pictures) = order.pictures.as_ref().filter(|p| last || k % p.every.max(1) == 0) {
             generator.draw(pictures, order, viewpoint, k)?;
@@ -189,12 +213,23 @@ fn settings(order: &Order, plain: bool) -> v1::ViewSettings {
         view_settings::{Projection, Target},
     };
     let lines = if plain { Lines::None(v1::NoLines {}) } else { Lines::All(v1::AllLines {}) };
+    let (wishes, tan_half_fov, max_triangles) = (&order.wishes, order.tan_half_fov, order.triangles);
+    let pinhole = Projection::Perspective(v1::Perspective { tan_half_fov, near_m: NEAR_M });
+    let parallel = |half_height_m| Projection::Orthographic(v1::Orthographic { half_height_m, near_m: NEAR_M });
+    let target = match (wishes.pixels, wishes.frame_time_ms) {
+        (Some(pixels), _) => Target::ScreenError(v1::ScreenError { pixels, max_triangles }),
+        (None, Some(milliseconds)) => Target::FrameTime(v1::FrameTime { milliseconds, max_triangles }),
+        (None, None) => Target::TriangleBudget(v1::TriangleBudget { triangles: max_triangles }),
+    };
+    let region =
+        |&[east_m, north_m, radius_m, weight]: &[f64; 4]| v1::RegionOfInterest { east_m, north_m, radius_m, weight };
     v1::ViewSettings {
-        projection: Some(Projection::Perspective(v1::Perspective { tan_half_fov: order.tan_half_fov, near_m: NEAR_M })),
+        projection: Some(wishes.half_height_m.map_or(pinhole, parallel)),
         viewport_width_px: order.viewport_px[0],
         viewport_height_px: order.viewport_px[1],
-        target: Some(Target::TriangleBudget(v1::TriangleBudget { triangles: order.triangles })),
+        target: Some(target),
         subscription: Some(v1::Subscription { lines: Some(lines) }),
+        regions: wishes.regions.iter().map(region).collect(),
     }
 }
 
@@ -210,8 +245,17 @@ struct Generator {
     plain: Option<View>,
     shadow: Option<Shadow>,
     recorder: Option<Recorder>,
+    /// `None` before the first frame, and where nothing slides.
+    morph: Option<Morphing>,
+    morph_s: Option<f64>,
     lines: usize,
     flown: Flown,
+}
+
+/// What is drawn where posts slide.
+struct Morphing {
+    morph: Morph,
+    drawn: Drawn,
 }
 
 /// The falsified view of a sabotaged client.
@@ -232,7 +276,16 @@ impl Generator {
             .as_ref()
             .map(|_| Recorder::new(order.triangles, !order.exercise.is_empty(), view.opening_bytes()));
         let flown = Flown { bytes: view.opening_bytes().len() as u64, ..Default::default() };
-        Ok(Self { view, plain, shadow, recorder, lines: order.lines, flown })
+        Ok(Self {
+            view,
+            plain,
+            shadow,
+            recorder,
+            morph: None,
+            morph_s: order.wishes.morph_s,
+            lines: order.lines,
+            flown,
+        })
     }
 
     /// Steers to pose `k` and takes all that comes until its frame.
@@ -290,10 +343,60 @@ impl Generator {
         }
     }
 
+    /// Lets the posts that came and went with the last frame slide, as they are drawn at `now_s`.
+    fn slide(&mut self, now_s: f64) {
+        let Some(duration_s) = self.morph_s else { return };
+        let scene = self.view.scene();
+        let morphing = self.morph.get_or_insert_with(|| {
+            let morph = Morph::new(scene.replica(), duration_s);
+            Morphing { drawn: morph.drawn(now_s), morph }
+        });
+        let lines: Vec<_> = scene.lines().values().filter_map(|line| line.ends).collect();
+        morphing.morph.advance(scene.replica(), &lines, now_s);
+        morphing.drawn = morphing.morph.drawn(now_s);
+        let most = self.flown.most_triangles_drawn.get_or_insert(0);
+        *most = (*most).max(morphing.drawn.triangles());
+    }
+
+    /// Draws for the clock alone where the budget follows the time that a frame takes.
+    fn time_drawing(&mut self, order: &Order, viewpoint: &Viewpoint) {
+        if order.wishes.frame_time_ms.is_some() {
+            let started = Instant::now();
+            let _ = self.scene(order, viewpoint, None).eye_picture();
+            self.view.set_frame_time_ms(started.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+
+    fn scene<'a>(
+        &'a self,
+        order: &'a Order,
+        viewpoint: &'a Viewpoint,
+        window_m: Option<[[f64; 2]; 2]>,
+    ) -> pictures::Scene<'a> {
+        let (state, metres) = (self.view.scene(), self.view.scene().replica().scale_m());
+        let surface = match &self.morph {
+            Some(morphing) => Surface::of_mesh(&morphing.drawn, metres),
+            None => Surface::of_mesh(state.replica(), metres),
+        };
+        let pinhole = Projection::Perspective { tan_half_fov: order.tan_half_fov, near_m: NEAR_M };
+        let parallel = |half_height_m| Projection::Orthographic { half_height_m, near_m: NEAR_M };
+        pictures::Scene {
+            name: &order.name,
+            state,
+            surface,
+            triangles_drawn: self.morph.as_ref().map(|morphing| morphing.drawn.triangles()),
+            viewpoint,
+            projection: order.wishes.half_height_m.map_or(pinhole, parallel),
+            viewport_px: order.viewport_px,
+            window_m,
+        }
+    }
+
     fn count(&mut self) {
         let scene = self.view.scene();
         let stated = scene.lines().values().filter(|line| line.verdict != v1::Verdict::Unknown).count();
         self.flown.frames += 1;
+        self.flown.last_triangles = scene.replica().triangle_count();
         self.flown.most_triangles = self.flown.most_triangles.max(scene.replica().triangle_count());
         self.flown.comparisons += stated as u64;
         self.flown.silent_disagreements += scene.silent_disagreements().len() as u64;
@@ -301,15 +404,9 @@ impl Generator {
     }
 
     fn draw(&mut self, pictures: &PictureOrder, order: &Order, viewpoint: &Viewpoint, k: u64) -> Result<(), Failure> {
-        let scene = pictures::Scene {
-            name: &order.name,
-            state: self.view.scene(),
-            viewpoint,
-            tan_half_fov: order.tan_half_fov,
-            viewport_px: order.viewport_px,
-            window_m: pictures.window_m,
-        };
-        for (what, picture) in [("view", scene.eye_picture()), ("above", scene.map_picture())] {
+        let scene = self.scene(order, viewpoint, pictures.window_m);
+        let drawn = [("view", scene.eye_picture()), ("above", scene.map_picture())];
+        for (what, picture) in drawn {
             let path = pictures.directory.join(format!("{}-{k:04}-{what}.png", order.name));
             write(&path, &picture.png().map_err(|e| Failure::environment(path.display(), e))?)?;
             self.flown.pictures.push(path);

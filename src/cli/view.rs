@@ -6,9 +6,9 @@ use sightline_client::raster::MAX_SIDE_PX;
 
 use super::{
     Context, Failure,
-    generator::{self, FlightOrder, Flown, Order, PictureOrder},
+    generator::{self, FlightOrder, Flown, Order, PictureOrder, Wishes},
 };
-use crate::evaluate::flight::PRESETS;
+use crate::evaluate::flight::{PRESETS, Preset};
 
 /// Fly over a server's terrain without a window: keep the mesh, check it, draw it.
 #[derive(clap::Args, Debug)]
@@ -19,10 +19,27 @@ pub(super) struct Args {
     /// Folder for pictures; made if it is not there.
     #[arg(short, value_name = "DIR")]
     output: PathBuf,
-    /// Triangle budget.
+    /// Triangle budget; with --pixels or --frame-time the most triangles.
     #[arg(long, value_name = "N", default_value_t = 5_000)]
     triangles: u32,
-    /// straight, helicopter, orbit, turn, teleport, or a CSV file of viewpoints in metres of the scene frame:
+    /// As few triangles as this distortion in pixels allows.
+    #[arg(long, value_name = "PX", conflicts_with = "frame_time")]
+    pixels: Option<f64>,
+    /// As many triangles as this program draws in so many milliseconds. Every frame is drawn then, if not written.
+    #[arg(long, value_name = "MS")]
+    frame_time: Option<f64>,
+    /// A parallel projection with half the picture so many metres high.
+    #[arg(long, value_name = "M", conflicts_with = "fov")]
+    orthographic: Option<f64>,
+    /// A disc in which distortion counts WEIGHT times: metres east and north of the south-west post, radius in metres,
+    /// weight from 1 to 1048576. May be given up to 64 times.
+    #[arg(long, value_name = "E,N,RADIUS,WEIGHT", value_parser = region, allow_hyphen_values = true)]
+    region: Vec<[f64; 4]>,
+    /// Let new posts slide to their height in so many seconds of the flight, in pictures only: the mesh, its hash and
+    /// its verdicts are the frame's, and triangles under sight lines stand still.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    morph: Option<f64>,
+    /// terrain-avoidance, straight, helicopter, orbit, turn, teleport, or a CSV file of viewpoints in metres of the scene frame:
     /// eye_x_m,eye_y_m,eye_z_m,look_x_m,look_y_m,look_z_m.
     #[arg(long, value_name = "PRESET|FILE", default_value = "straight")]
     flight: String,
@@ -59,6 +76,19 @@ fn field_of_view(text: &str) -> Result<f64, String> {
     }
 }
 
+fn region(text: &str) -> Result<[f64; 4], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+    let region = numbers.and_then(|numbers| numbers.try_into().ok());
+    region.ok_or_else(|| format!("'{text}' is not E,N,RADIUS,WEIGHT, such as 12000,8500,500,4"))
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if (0.0..=3600.0).contains(&seconds) => Ok(seconds),
+        _ => Err(format!("'{text}' is not a time from 0 to 3600 seconds")),
+    }
+}
+
 fn viewport(text: &str) -> Result<[u32; 2], String> {
     let side = |part: &str| part.parse().ok().filter(|n| (1..=MAX_SIDE_PX).contains(n));
     text.split_once('x')
@@ -85,8 +115,9 @@ impl Args {
         } else {
             let csv = std::fs::read_to_string(&self.flight).map_err(|e| {
                 Failure::Input(format!(
-                    "the flight '{}' is no preset (straight, helicopter, orbit, turn, teleport) and no readable file: {e}",
-                    self.flight
+                    "the flight '{}' is no preset ({}) and no readable file: {e}",
+                    self.flight,
+                    PRESETS.map(Preset::name).join(", ")
                 ))
             })?;
             FlightOrder::Listed { csv }
@@ -98,6 +129,13 @@ impl Args {
             triangles: self.triangles,
             tan_half_fov: (0.5 * self.fov).to_radians().tan(),
             viewport_px: self.viewport,
+            wishes: Wishes {
+                half_height_m: self.orthographic,
+                pixels: self.pixels,
+                frame_time_ms: self.frame_time,
+                regions: self.region,
+                morph_s: self.morph,
+            },
             flight,
             poses: self.frames,
             rate_hz: 30.0,
@@ -116,6 +154,12 @@ fn report(context: &Context, order: &Order, flown: &Flown, seconds: f64) -> Resu
     } else {
         outln!("{} poses, {} frames in {seconds:.1} s, {} bytes received", flown.poses, flown.frames, flown.bytes);
         outln!("at most {} of {} triangles; last hash {}", flown.most_triangles, order.triangles, flown.last_hash);
+        if order.wishes.pixels.or(order.wishes.frame_time_ms).is_some() {
+            outln!("{} triangles in the last frame", flown.last_triangles);
+        }
+        if let Some(drawn) = flown.most_triangles_drawn {
+            outln!("at most {drawn} triangles drawn: those of posts that are leaving are drawn until they are done");
+        }
         outln!(
             "{} verdicts on the own mesh, {} silent disagreements with the server's, {} times a line was named",
             flown.comparisons,

@@ -17,6 +17,10 @@ pub const MAX_FRAMES: usize = 1_000_000;
 const SMOOTH_FRAMES: usize = 15;
 /// Speed of the straight flight and of the turn.
 const FAST_M_S: f64 = 250.0;
+/// Steepest climb and dive of terrain avoidance, in metres up per metre flown.
+const STEEPEST: f64 = 0.2;
+/// Height above ground that terrain avoidance keeps.
+const AVOIDANCE_M: f64 = 60.0;
 /// Speed of the helicopter and of the orbit along its circle.
 const SLOW_M_S: f64 = 40.0;
 
@@ -33,10 +37,14 @@ pub enum Preset {
     Turn,
     /// Another place every tenth frame.
     Teleport,
+    /// Low over the terrain at 250 m/s in wide curves, 60 m above the ground or more: on the lowest path that climbs and
+    /// dives no steeper than 1 in 5.
+    TerrainAvoidance,
 }
 
 /// The presets, in the order in which clients of a test take them.
-pub const PRESETS: [Preset; 5] = [Preset::Straight, Preset::Orbit, Preset::Helicopter, Preset::Turn, Preset::Teleport];
+pub const PRESETS: [Preset; 6] =
+    [Preset::Straight, Preset::Orbit, Preset::Helicopter, Preset::Turn, Preset::Teleport, Preset::TerrainAvoidance];
 
 impl Preset {
     /// The name on the command line.
@@ -47,6 +55,7 @@ impl Preset {
             Self::Orbit => "orbit",
             Self::Turn => "turn",
             Self::Teleport => "teleport",
+            Self::TerrainAvoidance => "terrain-avoidance",
         }
     }
 }
@@ -69,7 +78,9 @@ impl FromStr for Preset {
 #[derive(Clone, PartialEq, Debug, Error)]
 pub enum FlightError {
     /// The name is no preset's.
-    #[error("'{0}' is no flight: use straight, helicopter, orbit, turn, teleport, or a file of viewpoints")]
+    #[error(
+        "'{0}' is no flight: use terrain-avoidance, straight, helicopter, orbit, turn, teleport, or a file of viewpoints"
+    )]
     NoSuchPreset(String),
     /// A row of a listed flight is not six finite numbers.
     #[error("line {line}: {detail}; wanted eye_x_m,eye_y_m,eye_z_m,look_x_m,look_y_m,look_z_m")]
@@ -137,6 +148,11 @@ enum Ground {
     Smoothed,
     /// Above ground, each frame by itself.
     EachFrame,
+    /// Above ground, on the lowest path that rises and falls by no more than this in a frame.
+    Avoided {
+        /// The greatest rise of a frame in metres.
+        rise_m: f64,
+    },
 }
 
 impl Plan {
@@ -155,7 +171,11 @@ impl Plan {
         let mut dice = Dice::new(seed);
         let path =
             Path { area_m, frames, step_s: 1.0 / rate_hz, heading: dice.heading(), start: dice.place(area_m, 0.2) };
-        let ground = if preset == Preset::Teleport { Ground::EachFrame } else { Ground::Smoothed };
+        let ground = match preset {
+            Preset::Teleport => Ground::EachFrame,
+            Preset::TerrainAvoidance => Ground::Avoided { rise_m: STEEPEST * FAST_M_S * path.step_s },
+            _ => Ground::Smoothed,
+        };
         let (eyes, looks) = match preset {
             Preset::Straight => path.ahead(FAST_M_S, 150.0, 3_000.0, |_| 0.0),
             // Full circles of weaving left and right, 6 s each way.
@@ -164,6 +184,10 @@ impl Plan {
                 let (first, last) = (path.duration_s() / 3.0, path.duration_s() * 2.0 / 3.0);
                 let rate = std::f64::consts::PI / (last - first).max(path.step_s);
                 path.ahead(FAST_M_S, 200.0, 3_000.0, move |t_s| if t_s >= first && t_s < last { rate } else { 0.0 })
+            }
+            Preset::TerrainAvoidance => {
+                // Twice the weight in the curves, 8 s each way.
+                path.ahead(FAST_M_S, AVOIDANCE_M, 3_000.0, |t_s| if t_s % 16.0 < 8.0 { 0.08 } else { -0.08 })
             }
             Preset::Orbit => path.orbit(3_000.0, 400.0),
             Preset::Teleport => path.teleport(&mut dice, 10),
@@ -208,6 +232,10 @@ impl Plan {
     /// The viewpoints, given the ground heights in metres at [`Plan::ground_points`].
     pub fn fly(&self, ground_m: &[f64]) -> Result<Vec<Viewpoint>, FlightError> {
         let n = self.eyes.len();
+        let lowest = match self.ground {
+            Ground::Avoided { rise_m } => lowest_path(&ground_m[..n.min(ground_m.len())], rise_m),
+            _ => Vec::new(),
+        };
         let wanted = if self.ground == Ground::Absolute { 0 } else { 2 * n };
         if ground_m.len() != wanted {
             return Err(FlightError::GroundCount { got: ground_m.len(), wanted });
@@ -218,6 +246,7 @@ impl Plan {
                 let [eye_ground, look_ground] = match self.ground {
                     Ground::Absolute => [0.0; 2],
                     Ground::EachFrame => [ground_m[k], ground_m[n + k]],
+                    Ground::Avoided { .. } => [lowest[k], ground_m[n + k]],
                     Ground::Smoothed => [smoothed(&ground_m[..n], k, 0.5 * eye.z_m), ground_m[n + k]],
                 };
                 viewpoint(
@@ -234,6 +263,19 @@ fn smoothed(ground_m: &[f64], k: usize, least_m: f64) -> f64 {
     let window = &ground_m[k.saturating_sub(SMOOTH_FRAMES)..(k + SMOOTH_FRAMES + 1).min(ground_m.len())];
     let mean = window.iter().sum::<f64>() / window.len() as f64;
     mean.max(ground_m[k] - least_m)
+}
+
+/// The lowest heights from frame to frame that are nowhere under the ground and differ by at most `rise_m` from one to
+/// the next.
+fn lowest_path(ground_m: &[f64], rise_m: f64) -> Vec<f64> {
+    let mut path = ground_m.to_vec();
+    for k in 1..path.len() {
+        path[k] = path[k].max(path[k - 1] - rise_m);
+    }
+    for k in (1..path.len()).rev() {
+        path[k - 1] = path[k - 1].max(path[k] - rise_m);
+    }
+    path
 }
 
 fn row(line: &str) -> Result<[f64; 6], String> {

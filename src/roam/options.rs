@@ -8,6 +8,8 @@ use thiserror::Error;
 pub const MAX_REGIONS: usize = 64;
 /// Greatest weight of a region.
 const MAX_WEIGHT: f64 = 1_048_576.0;
+/// Greatest radius of a region, and distance of its middle from post (0, 0) along an axis: as far as an eye may be.
+const MAX_REACH_M: f64 = 1e8;
 
 /// A disc in plan in which priorities count for more.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -27,7 +29,9 @@ pub enum RegionsError {
     #[error("{0} regions; at most {MAX_REGIONS}")]
     TooMany(usize),
     /// One that makes no sense.
-    #[error("{0:?}: numbers must be finite, the radius not negative, the weight from 1 to {MAX_WEIGHT}")]
+    #[error(
+        "{0:?}: the middle must be within {MAX_REACH_M} m of 0, the radius from 0 to {MAX_REACH_M} m, the weight from 1 to {MAX_WEIGHT}"
+    )]
     Region(Region),
 }
 
@@ -47,9 +51,11 @@ impl Regions {
             return Err(RegionsError::TooMany(regions.len()));
         }
         let sound = |r: &Region| {
-            r.centre_m.is_finite()
-                && r.radius_m >= 0.0
-                && r.radius_m.is_finite()
+            // Not a number is in no range.
+            let near = -MAX_REACH_M..=MAX_REACH_M;
+            near.contains(&r.centre_m.x)
+                && near.contains(&r.centre_m.y)
+                && (0.0..=MAX_REACH_M).contains(&r.radius_m)
                 && (1.0..=MAX_WEIGHT).contains(&r.weight)
         };
         match regions.iter().find(|r| !sound(r)) {

@@ -136,7 +136,8 @@ impl<T: Terrain> View<T> {
     ) -> Result<Self, OpenError> {
         let coarsest = Replica::new(description)?;
         let camera = settings.camera(&pose)?;
-        let mesh = ViewMesh::new(Arc::clone(&terrain), scale)?;
+        let mut mesh = ViewMesh::new(Arc::clone(&terrain), scale)?;
+        mesh.set_options(settings.options());
         let frame_time = settings.controller(None);
         let wanted = Wanted { settings, pose, camera, pose_sequence: 0, exercise };
         Ok(Self {
@@ -194,6 +195,7 @@ impl<T: Terrain> View<T> {
         }
         if let Some(settings) = settings {
             self.frame_time = settings.controller(self.frame_time);
+            self.mesh.set_options(settings.options());
             self.wanted.settings = settings;
         }
         if let Some(control) = &mut self.frame_time

@@ -1,14 +1,14 @@
-//! What a client may ask of a view, checked: camera, target and subscription, and the pose.
+//! What a client may ask of a view, checked: camera, target, subscription and regions, and the pose.
 
 use std::collections::BTreeSet;
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use sightline_proto::v1;
 use thiserror::Error;
 
 use super::FrameTime;
 use crate::{
-    roam::Target,
+    roam::{Options, Region, Regions, RegionsError, Target},
     view::{Camera, CameraError, Projection},
 };
 
@@ -41,6 +41,9 @@ pub enum SettingsError {
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
+    /// The regions of interest.
+    #[error("regions: {0}")]
+    Regions(#[from] RegionsError),
     /// A subscription to too many lines.
     #[error("a subscription to {0} sight lines; the limit is {MAX_SUBSCRIBED_IDS} ids, or subscribe to all")]
     TooManyIds(usize),
@@ -68,7 +71,7 @@ impl Subscription {
     }
 }
 
-/// Camera, target and subscription of a view.
+/// Camera, target, subscription and regions of a view.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Settings {
     /// The projection.
@@ -81,6 +84,8 @@ pub struct Settings {
     pub frame_time_ms: Option<f64>,
     /// The sight lines.
     pub subscription: Subscription,
+    /// Where distortion counts for more.
+    pub regions: Regions,
 }
 
 /// Place and orientation of a camera.
@@ -101,7 +106,13 @@ impl Settings {
             target: target(settings)?,
             frame_time_ms: frame_time_ms(settings)?,
             subscription: subscription(settings)?,
+            regions: regions(settings)?,
         })
+    }
+
+    /// How the view is refined.
+    pub(super) fn options(&self) -> Options {
+        Options { regions: self.regions.clone(), ..Options::default() }
     }
 
     /// The controller of the budget where the target is a frame time: `before` if that aims for the same.
@@ -167,6 +178,15 @@ fn subscription(settings: &v1::ViewSettings) -> Result<Subscription, SettingsErr
         }
         Some(Lines::List(list)) => Ok(Subscription::List(list.ids.iter().copied().collect())),
     }
+}
+
+fn regions(settings: &v1::ViewSettings) -> Result<Regions, RegionsError> {
+    let region = |r: &v1::RegionOfInterest| Region {
+        centre_m: DVec2::new(r.east_m, r.north_m),
+        radius_m: r.radius_m,
+        weight: r.weight,
+    };
+    Regions::new(settings.regions.iter().map(region).collect())
 }
 
 impl Pose {

@@ -6,6 +6,7 @@ use sightline_client::scene::{self, SceneState};
 use super::*;
 use crate::{
     exercise::{Altitude, Anchor, Change, Entity, Frame, Place, SightLine, Site},
+    roam::MAX_REGIONS,
     terrain::{MemoryField, synthetic},
     wedgie::MemoryTerrain,
 };
@@ -27,6 +28,7 @@ fn wire_settings(triangles: u32, subscription: Option<v1::subscription::Lines>) 
         viewport_height_px: 600,
         target: Some(v1::view_settings::Target::TriangleBudget(v1::TriangleBudget { triangles })),
         subscription: Some(v1::Subscription { lines: subscription }),
+        regions: Vec::new(),
     }
 }
 
@@ -227,11 +229,46 @@ fn settings_that_make_no_sense_are_refused() {
         refused(&|s| s.target = Some(Target::FrameTime(time)));
         refused(&|s| s.target = Some(Target::ScreenError(v1::ScreenError { pixels: bad, max_triangles: 10 })));
     }
+    let region = v1::RegionOfInterest { east_m: 1.0, north_m: 1.0, radius_m: 1.0, weight: 2.0 };
+    for bad in [-1.1e8, 1.1e8, f64::NAN, f64::INFINITY] {
+        refused(&|s| s.regions = vec![region, v1::RegionOfInterest { east_m: bad, ..region }]);
+        refused(&|s| s.regions = vec![v1::RegionOfInterest { north_m: bad, ..region }]);
+        refused(&|s| s.regions = vec![v1::RegionOfInterest { radius_m: bad, ..region }]);
+        refused(&|s| s.regions = vec![v1::RegionOfInterest { weight: bad, ..region }]);
+    }
+    refused(&|s| s.regions = vec![v1::RegionOfInterest { weight: 0.5, ..region }]);
+    refused(&|s| s.regions = vec![region; MAX_REGIONS + 1]);
     let ids = vec![1; MAX_SUBSCRIBED_IDS + 1];
     refused(&|s| {
         let lines = Some(v1::subscription::Lines::List(v1::LineList { ids: ids.clone() }));
         s.subscription = Some(v1::Subscription { lines });
     });
+}
+
+#[test]
+fn a_region_of_interest_makes_the_mesh_finer_inside_and_the_bound_stays_true() {
+    let terrain = terrain();
+    let region = v1::RegionOfInterest { east_m: 700.0, north_m: 950.0, radius_m: 150.0, weight: 1000.0 };
+    let with = v1::ViewSettings { regions: vec![region], ..wire_settings(400, None) };
+    let inside = |client: &SceneState| {
+        let near = |p: &Post| (f64::from(p.i) * 30.0 - 700.0).hypot(f64::from(p.j) * 25.0 - 950.0) < 150.0;
+        client.replica().posts().into_iter().filter(|(p, _)| near(p)).count()
+    };
+    let (mut view, mut client) = opened(&terrain, &wire_settings(400, None), None);
+    let (mut opened_with, mut other) = opened(&terrain, &with, None);
+    let deliver = |view: &mut View<_>, client: &mut SceneState| {
+        for response in view.produce().unwrap() {
+            client.apply(&message(&response)).unwrap();
+        }
+        (inside(client), client.last_frame().bound_px, client.replica().hash())
+    };
+    let (plain, plain_bound_px, _) = deliver(&mut view, &mut client);
+    let (wanted, bound_px, hash) = deliver(&mut opened_with, &mut other);
+    assert!(wanted > 2 * plain, "{plain} posts, then {wanted}");
+    assert!(bound_px > plain_bound_px, "the triangles are missing elsewhere: {plain_bound_px}, then {bound_px}");
+    let applied_sequence = client.replica().sequence();
+    view.handle(Event::Steer(v1::SteerView { settings: Some(with), applied_sequence, ..Default::default() })).unwrap();
+    assert_eq!(deliver(&mut view, &mut client), (wanted, bound_px, hash), "opened with a region, or given it later");
 }
 
 #[test]

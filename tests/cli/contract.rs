@@ -32,9 +32,14 @@ const VERBS: [(&str, &str, &str); 14] = [
         "<DB>",
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
-    ("fly", "<DB>", "--flight --frames --triangles --algorithm --plot -o --seed --force"),
+    ("fly", "<DB>", "--flight --frames --triangles --pixels --algorithm --plot -o --seed --force"),
     ("serve", "<DB>", "--listen"),
-    ("view", "<ADDR>", "-o --triangles --flight --frames --record --exercise --every --fov --viewport --seed --force"),
+    (
+        "view",
+        "<ADDR>",
+        "-o --triangles --pixels --frame-time --orthographic --region --morph --flight --frames --record --exercise \
+         --every --fov --viewport --seed --force",
+    ),
     (
         "consistency",
         "<TARGET>...",

@@ -27,7 +27,7 @@ fn a_flight_tells_what_each_frame_took_and_draws_it() {
     let columns = |more: &[&str]| {
         let done = fly(&[&["--flight", "turn", "-o", "-"], more].concat());
         let text = String::from_utf8(done.stdout).unwrap();
-        let column = |line: &str| line.split(',').skip(6).collect::<Vec<_>>().join(",");
+        let column = |line: &str| line.split(',').skip(7).collect::<Vec<_>>().join(",");
         text.lines().map(column).collect::<Vec<_>>()
     };
     let ours = columns(&[]);
@@ -35,6 +35,17 @@ fn a_flight_tells_what_each_frame_took_and_draws_it() {
     assert_eq!(columns(&["--algorithm", "naive"]), ours);
     assert_eq!(columns(&["--algorithm", "scratch"]), ours);
     assert_ne!(columns(&["--algorithm", "geomipmap"]), ours);
+
+    // Without an output, a line for each frame and the summary; asked for a distortion, it is kept.
+    let text =
+        |more: &[&str]| String::from_utf8(fly(&[&["--flight", "terrain-avoidance"], more].concat()).stdout).unwrap();
+    assert_eq!(text(&[]).lines().count(), 1 + 12 + 6);
+    assert_eq!(text(&["--quiet"]).lines().count(), 6);
+    let sharp = sightline(&["fly", &db, "--frames", "12", "--flight", "orbit", "--pixels", "40", "-o", "-"]);
+    let csv = String::from_utf8(sharp.stdout).unwrap();
+    let bounds: Vec<f64> = csv.lines().skip(1).map(|l| l.rsplit(',').next().unwrap().parse().unwrap()).collect();
+    assert!(bounds.iter().all(|&px| px > 0.0 && px <= 40.0), "{bounds:?}");
+    assert_eq!(status(&fly(&["--pixels", "40", "--algorithm", "geomancy"])), 2);
 
     assert_eq!(status(&fly(&["--flight", "nowhere"])), 3);
     assert_eq!(status(&fly(&["--algorithm", "magic"])), 2);

@@ -147,6 +147,7 @@ fn settings(triangles: u32) -> v1::ViewSettings {
         viewport_height_px: 600,
         target: Some(v1::view_settings::Target::TriangleBudget(v1::TriangleBudget { triangles })),
         subscription: None,
+        regions: Vec::new(),
     }
 }
 
@@ -401,6 +402,12 @@ async fn views_that_make_no_sense_are_refused() {
     }
     refusal(client.open_view("none", settings(100), pose(1.0, 1.0)).await, Code::NotFound, "'none'");
     refusal(client.open_view("", settings(100), pose(f64::NAN, 1.0)).await, Code::InvalidArgument, "eye");
+    let regions = vec![v1::RegionOfInterest::default()];
+    refusal(
+        client.open_view("", v1::ViewSettings { regions, ..settings(100) }, pose(1.0, 1.0)).await,
+        Code::InvalidArgument,
+        "regions: ",
+    );
     let blank = v1::ViewSettings::default();
     refusal(client.open_view("", blank, pose(1.0, 1.0)).await, Code::InvalidArgument, "projection is missing");
     let twisted = v1::Pose { rotation: Some(v1::Quaternion::default()), ..pose(1.0, 1.0) };

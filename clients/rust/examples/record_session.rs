@@ -142,6 +142,7 @@ fn settings(triangles: u32, lines: Option<Vec<u64>>) -> v1::ViewSettings {
         viewport_height_px: 720,
         target: Some(view_settings::Target::TriangleBudget(v1::TriangleBudget { triangles })),
         subscription: lines.map(|ids| v1::Subscription { lines: Some(Lines::List(v1::LineList { ids })) }),
+        regions: Vec::new(),
     }
 }
 

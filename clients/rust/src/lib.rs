@@ -15,6 +15,7 @@
 //!     viewport_height_px: 720,
 //!     target: Some(v1::view_settings::Target::TriangleBudget(v1::TriangleBudget { triangles: 5_000 })),
 //!     subscription: None, // all sight lines of the exercise
+//!     regions: Vec::new(),
 //! };
 //! let pose = v1::Pose {
 //!     eye: Some(v1::Position { x: 500.0, y: 400.0, z: 900.0 }),

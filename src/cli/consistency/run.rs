@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use super::{
     super::{
         Failure,
-        generator::{self, FlightOrder, NEAR_M, Order, PictureOrder},
+        generator::{self, FlightOrder, NEAR_M, Order, PictureOrder, Wishes},
     },
     director::{Director, tick_of},
     worker::{self, Word},
@@ -312,6 +312,7 @@ impl<O: Oracle> Run<'_, O> {
             triangles: client.triangles,
             tan_half_fov: client.tan_half_fov,
             viewport_px: self.plan.viewport_px,
+            wishes: Wishes::default(),
             flight: FlightOrder::Preset {
                 name: client.preset.name().into(),
                 area_m: Some(theatre_m),

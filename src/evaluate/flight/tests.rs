@@ -67,6 +67,22 @@ fn the_straight_flight_keeps_its_speed_and_the_turn_comes_back() {
 }
 
 #[test]
+fn terrain_avoidance_keeps_its_height_and_climbs_before_the_ridge() {
+    let plan = Plan::preset(Preset::TerrainAvoidance, [[0.0; 2], [40_000.0; 2]], 620, 30.0, 5).unwrap();
+    let n = plan.frames();
+    // A ridge of 500 m across the path, at frames 300 to 309.
+    let ground: Vec<_> = (0..2 * n).map(|k| if (300..310).contains(&(k % n)) { 500.0 } else { 0.0 }).collect();
+    let views = plan.fly(&ground).unwrap();
+    let step_m = 250.0 / 30.0;
+    for (k, pair) in views.windows(2).enumerate() {
+        let (rise_m, above_m) = ((pair[1].eye.z - pair[0].eye.z).abs(), pair[0].eye.z - ground[k]);
+        assert!(rise_m <= step_m * 0.2 * (1.0 + 1e-9) && above_m >= 60.0 - 1e-9, "frame {k}: {rise_m}, {above_m}");
+    }
+    assert_eq!((views[0].eye.z, views[305].eye.z, views[n - 1].eye.z), (60.0, 560.0, 60.0));
+    assert!((views[150].eye.z - 310.0).abs() < 1e-6, "half way up 150 frames before");
+}
+
+#[test]
 fn a_listed_flight_is_taken_as_it_stands_and_a_bad_row_names_its_line() {
     let text = "eye_x_m,eye_y_m,eye_z_m,look_x_m,look_y_m,look_z_m\n# a comment\n1,2,3, 4,5,6\n\n7,8,9,1,2,3\n";
     let plan = Plan::listed(text).unwrap();

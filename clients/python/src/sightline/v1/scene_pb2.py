@@ -27,15 +27,15 @@ from sightline.v1 import exercise_pb2 as sightline_dot_v1_dot_exercise__pb2
 from sightline.v1 import terrain_pb2 as sightline_dot_v1_dot_terrain__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x18sightline/v1/scene.proto\x12\x0csightline.v1\x1a\x19sightline/v1/common.proto\x1a\x1bsightline/v1/exercise.proto\x1a\x1asightline/v1/terrain.proto\"\xa4\x01\n\x12StreamSceneRequest\x12&\n\x04open\x18\x01 \x01(\x0b\x32\x16.sightline.v1.OpenViewH\x00\x12(\n\x05steer\x18\x02 \x01(\x0b\x32\x17.sightline.v1.SteerViewH\x00\x12\x31\n\x08snapshot\x18\x03 \x01(\x0b\x32\x1d.sightline.v1.RequestSnapshotH\x00\x42\t\n\x07request\"\xa5\x01\n\x13StreamSceneResponse\x12*\n\x06opened\x18\x01 \x01(\x0b\x32\x18.sightline.v1.ViewOpenedH\x00\x12\x30\n\x08\x65xercise\x18\x02 \x01(\x0b\x32\x1c.sightline.v1.ExerciseUpdateH\x00\x12$\n\x05\x66rame\x18\x03 \x01(\x0b\x32\x13.sightline.v1.FrameH\x00\x42\n\n\x08response\"l\n\x08OpenView\x12\x10\n\x08\x65xercise\x18\x01 \x01(\t\x12,\n\x08settings\x18\x02 \x01(\x0b\x32\x1a.sightline.v1.ViewSettings\x12 \n\x04pose\x18\x03 \x01(\x0b\x32\x12.sightline.v1.Pose\"\xa3\x01\n\tSteerView\x12 \n\x04pose\x18\x01 \x01(\x0b\x32\x12.sightline.v1.Pose\x12\x15\n\rpose_sequence\x18\x02 \x01(\x04\x12\x18\n\x10\x61pplied_sequence\x18\x03 \x01(\x04\x12,\n\x08settings\x18\x04 \x01(\x0b\x32\x1a.sightline.v1.ViewSettings\x12\x15\n\rframe_time_ms\x18\x05 \x01(\x01\",\n\x0fRequestSnapshot\x12\x19\n\x11received_sequence\x18\x01 \x01(\x04\"W\n\x04Pose\x12#\n\x03\x65ye\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12*\n\x08rotation\x18\x02 \x01(\x0b\x32\x18.sightline.v1.Quaternion\"8\n\nQuaternion\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01z\x18\x03 \x01(\x01\x12\t\n\x01w\x18\x04 \x01(\x01\"\x90\x03\n\x0cViewSettings\x12\x30\n\x0bperspective\x18\x01 \x01(\x0b\x32\x19.sightline.v1.PerspectiveH\x00\x12\x32\n\x0corthographic\x18\x02 \x01(\x0b\x32\x1a.sightline.v1.OrthographicH\x00\x12\x19\n\x11viewport_width_px\x18\x03 \x01(\r\x12\x1a\n\x12viewport_height_px\x18\x04 \x01(\r\x12\x37\n\x0ftriangle_budget\x18\x05 \x01(\x0b\x32\x1c.sightline.v1.TriangleBudgetH\x01\x12\x31\n\x0cscreen_error\x18\x06 \x01(\x0b\x32\x19.sightline.v1.ScreenErrorH\x01\x12-\n\nframe_time\x18\x08 \x01(\x0b\x32\x17.sightline.v1.FrameTimeH\x01\x12\x30\n\x0csubscription\x18\x07 \x01(\x0b\x32\x1a.sightline.v1.SubscriptionB\x0c\n\nprojectionB\x08\n\x06target\"3\n\x0bPerspective\x12\x14\n\x0ctan_half_fov\x18\x01 \x01(\x01\x12\x0e\n\x06near_m\x18\x02 \x01(\x01\"5\n\x0cOrthographic\x12\x15\n\rhalf_height_m\x18\x01 \x01(\x01\x12\x0e\n\x06near_m\x18\x02 \x01(\x01\"#\n\x0eTriangleBudget\x12\x11\n\ttriangles\x18\x01 \x01(\r\"4\n\x0bScreenError\x12\x0e\n\x06pixels\x18\x01 \x01(\x01\x12\x15\n\rmax_triangles\x18\x02 \x01(\r\"8\n\tFrameTime\x12\x14\n\x0cmilliseconds\x18\x01 \x01(\x01\x12\x15\n\rmax_triangles\x18\x02 \x01(\r\"\x8d\x01\n\x0cSubscription\x12%\n\x03\x61ll\x18\x01 \x01(\x0b\x32\x16.sightline.v1.AllLinesH\x00\x12%\n\x04none\x18\x02 \x01(\x0b\x32\x15.sightline.v1.NoLinesH\x00\x12&\n\x04list\x18\x03 \x01(\x0b\x32\x16.sightline.v1.LineListH\x00\x42\x07\n\x05lines\"\n\n\x08\x41llLines\"\t\n\x07NoLines\"\x17\n\x08LineList\x12\x0b\n\x03ids\x18\x01 \x03(\x04\"?\n\nViewOpened\x12\x31\n\x07terrain\x18\x01 \x01(\x0b\x32 .sightline.v1.TerrainDescription\"_\n\x0e\x45xerciseUpdate\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\x12-\n\x07\x63hanged\x18\x02 \x03(\x0b\x32\x1c.sightline.v1.SightLineState\x12\x0f\n\x07removed\x18\x03 \x03(\x04\"N\n\x0fUnsatisfiedLine\x12\n\n\x02id\x18\x01 \x01(\x04\x12/\n\x06reason\x18\x02 \x01(\x0e\x32\x1f.sightline.v1.UnsatisfiedReason\"\x83\x02\n\x05\x46rame\x12\x10\n\x08sequence\x18\x01 \x01(\x04\x12\x15\n\rbase_sequence\x18\x02 \x01(\x04\x12\x15\n\rpose_sequence\x18\x03 \x01(\x04\x12\r\n\x05\x65poch\x18\x04 \x01(\x04\x12\x0c\n\x04mesh\x18\x05 \x01(\x0c\x12\x16\n\x0etriangle_count\x18\x06 \x01(\r\x12\x1b\n\x13\x64istortion_bound_px\x18\x07 \x01(\x01\x12\x11\n\tmesh_hash\x18\x08 \x01(\x06\x12\x36\n\x0fnow_unsatisfied\x18\t \x03(\x0b\x32\x1d.sightline.v1.UnsatisfiedLine\x12\x1d\n\x15no_longer_unsatisfied\x18\n \x03(\x04*V\n\x11UnsatisfiedReason\x12\"\n\x1eUNSATISFIED_REASON_UNSPECIFIED\x10\x00\x12\x1d\n\x19UNSATISFIED_REASON_BUDGET\x10\x01\x32\x66\n\x0cSceneService\x12V\n\x0bStreamScene\x12 .sightline.v1.StreamSceneRequest\x1a!.sightline.v1.StreamSceneResponse(\x01\x30\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x18sightline/v1/scene.proto\x12\x0csightline.v1\x1a\x19sightline/v1/common.proto\x1a\x1bsightline/v1/exercise.proto\x1a\x1asightline/v1/terrain.proto\"\xa4\x01\n\x12StreamSceneRequest\x12&\n\x04open\x18\x01 \x01(\x0b\x32\x16.sightline.v1.OpenViewH\x00\x12(\n\x05steer\x18\x02 \x01(\x0b\x32\x17.sightline.v1.SteerViewH\x00\x12\x31\n\x08snapshot\x18\x03 \x01(\x0b\x32\x1d.sightline.v1.RequestSnapshotH\x00\x42\t\n\x07request\"\xa5\x01\n\x13StreamSceneResponse\x12*\n\x06opened\x18\x01 \x01(\x0b\x32\x18.sightline.v1.ViewOpenedH\x00\x12\x30\n\x08\x65xercise\x18\x02 \x01(\x0b\x32\x1c.sightline.v1.ExerciseUpdateH\x00\x12$\n\x05\x66rame\x18\x03 \x01(\x0b\x32\x13.sightline.v1.FrameH\x00\x42\n\n\x08response\"l\n\x08OpenView\x12\x10\n\x08\x65xercise\x18\x01 \x01(\t\x12,\n\x08settings\x18\x02 \x01(\x0b\x32\x1a.sightline.v1.ViewSettings\x12 \n\x04pose\x18\x03 \x01(\x0b\x32\x12.sightline.v1.Pose\"\xa3\x01\n\tSteerView\x12 \n\x04pose\x18\x01 \x01(\x0b\x32\x12.sightline.v1.Pose\x12\x15\n\rpose_sequence\x18\x02 \x01(\x04\x12\x18\n\x10\x61pplied_sequence\x18\x03 \x01(\x04\x12,\n\x08settings\x18\x04 \x01(\x0b\x32\x1a.sightline.v1.ViewSettings\x12\x15\n\rframe_time_ms\x18\x05 \x01(\x01\",\n\x0fRequestSnapshot\x12\x19\n\x11received_sequence\x18\x01 \x01(\x04\"W\n\x04Pose\x12#\n\x03\x65ye\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12*\n\x08rotation\x18\x02 \x01(\x0b\x32\x18.sightline.v1.Quaternion\"8\n\nQuaternion\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01z\x18\x03 \x01(\x01\x12\t\n\x01w\x18\x04 \x01(\x01\"\xc1\x03\n\x0cViewSettings\x12\x30\n\x0bperspective\x18\x01 \x01(\x0b\x32\x19.sightline.v1.PerspectiveH\x00\x12\x32\n\x0corthographic\x18\x02 \x01(\x0b\x32\x1a.sightline.v1.OrthographicH\x00\x12\x19\n\x11viewport_width_px\x18\x03 \x01(\r\x12\x1a\n\x12viewport_height_px\x18\x04 \x01(\r\x12\x37\n\x0ftriangle_budget\x18\x05 \x01(\x0b\x32\x1c.sightline.v1.TriangleBudgetH\x01\x12\x31\n\x0cscreen_error\x18\x06 \x01(\x0b\x32\x19.sightline.v1.ScreenErrorH\x01\x12-\n\nframe_time\x18\x08 \x01(\x0b\x32\x17.sightline.v1.FrameTimeH\x01\x12\x30\n\x0csubscription\x18\x07 \x01(\x0b\x32\x1a.sightline.v1.Subscription\x12/\n\x07regions\x18\t \x03(\x0b\x32\x1e.sightline.v1.RegionOfInterestB\x0c\n\nprojectionB\x08\n\x06target\"U\n\x10RegionOfInterest\x12\x0e\n\x06\x65\x61st_m\x18\x01 \x01(\x01\x12\x0f\n\x07north_m\x18\x02 \x01(\x01\x12\x10\n\x08radius_m\x18\x03 \x01(\x01\x12\x0e\n\x06weight\x18\x04 \x01(\x01\"3\n\x0bPerspective\x12\x14\n\x0ctan_half_fov\x18\x01 \x01(\x01\x12\x0e\n\x06near_m\x18\x02 \x01(\x01\"5\n\x0cOrthographic\x12\x15\n\rhalf_height_m\x18\x01 \x01(\x01\x12\x0e\n\x06near_m\x18\x02 \x01(\x01\"#\n\x0eTriangleBudget\x12\x11\n\ttriangles\x18\x01 \x01(\r\"4\n\x0bScreenError\x12\x0e\n\x06pixels\x18\x01 \x01(\x01\x12\x15\n\rmax_triangles\x18\x02 \x01(\r\"8\n\tFrameTime\x12\x14\n\x0cmilliseconds\x18\x01 \x01(\x01\x12\x15\n\rmax_triangles\x18\x02 \x01(\r\"\x8d\x01\n\x0cSubscription\x12%\n\x03\x61ll\x18\x01 \x01(\x0b\x32\x16.sightline.v1.AllLinesH\x00\x12%\n\x04none\x18\x02 \x01(\x0b\x32\x15.sightline.v1.NoLinesH\x00\x12&\n\x04list\x18\x03 \x01(\x0b\x32\x16.sightline.v1.LineListH\x00\x42\x07\n\x05lines\"\n\n\x08\x41llLines\"\t\n\x07NoLines\"\x17\n\x08LineList\x12\x0b\n\x03ids\x18\x01 \x03(\x04\"?\n\nViewOpened\x12\x31\n\x07terrain\x18\x01 \x01(\x0b\x32 .sightline.v1.TerrainDescription\"_\n\x0e\x45xerciseUpdate\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\x12-\n\x07\x63hanged\x18\x02 \x03(\x0b\x32\x1c.sightline.v1.SightLineState\x12\x0f\n\x07removed\x18\x03 \x03(\x04\"N\n\x0fUnsatisfiedLine\x12\n\n\x02id\x18\x01 \x01(\x04\x12/\n\x06reason\x18\x02 \x01(\x0e\x32\x1f.sightline.v1.UnsatisfiedReason\"\x83\x02\n\x05\x46rame\x12\x10\n\x08sequence\x18\x01 \x01(\x04\x12\x15\n\rbase_sequence\x18\x02 \x01(\x04\x12\x15\n\rpose_sequence\x18\x03 \x01(\x04\x12\r\n\x05\x65poch\x18\x04 \x01(\x04\x12\x0c\n\x04mesh\x18\x05 \x01(\x0c\x12\x16\n\x0etriangle_count\x18\x06 \x01(\r\x12\x1b\n\x13\x64istortion_bound_px\x18\x07 \x01(\x01\x12\x11\n\tmesh_hash\x18\x08 \x01(\x06\x12\x36\n\x0fnow_unsatisfied\x18\t \x03(\x0b\x32\x1d.sightline.v1.UnsatisfiedLine\x12\x1d\n\x15no_longer_unsatisfied\x18\n \x03(\x04*V\n\x11UnsatisfiedReason\x12\"\n\x1eUNSATISFIED_REASON_UNSPECIFIED\x10\x00\x12\x1d\n\x19UNSATISFIED_REASON_BUDGET\x10\x01\x32\x66\n\x0cSceneService\x12V\n\x0bStreamScene\x12 .sightline.v1.StreamSceneRequest\x1a!.sightline.v1.StreamSceneResponse(\x01\x30\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'sightline.v1.scene_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_UNSATISFIEDREASON']._serialized_start=2286
-  _globals['_UNSATISFIEDREASON']._serialized_end=2372
+  _globals['_UNSATISFIEDREASON']._serialized_start=2422
+  _globals['_UNSATISFIEDREASON']._serialized_end=2508
   _globals['_STREAMSCENEREQUEST']._serialized_start=127
   _globals['_STREAMSCENEREQUEST']._serialized_end=291
   _globals['_STREAMSCENERESPONSE']._serialized_start=294
@@ -51,33 +51,35 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_QUATERNION']._serialized_start=872
   _globals['_QUATERNION']._serialized_end=928
   _globals['_VIEWSETTINGS']._serialized_start=931
-  _globals['_VIEWSETTINGS']._serialized_end=1331
-  _globals['_PERSPECTIVE']._serialized_start=1333
-  _globals['_PERSPECTIVE']._serialized_end=1384
-  _globals['_ORTHOGRAPHIC']._serialized_start=1386
-  _globals['_ORTHOGRAPHIC']._serialized_end=1439
-  _globals['_TRIANGLEBUDGET']._serialized_start=1441
-  _globals['_TRIANGLEBUDGET']._serialized_end=1476
-  _globals['_SCREENERROR']._serialized_start=1478
-  _globals['_SCREENERROR']._serialized_end=1530
-  _globals['_FRAMETIME']._serialized_start=1532
-  _globals['_FRAMETIME']._serialized_end=1588
-  _globals['_SUBSCRIPTION']._serialized_start=1591
-  _globals['_SUBSCRIPTION']._serialized_end=1732
-  _globals['_ALLLINES']._serialized_start=1734
-  _globals['_ALLLINES']._serialized_end=1744
-  _globals['_NOLINES']._serialized_start=1746
-  _globals['_NOLINES']._serialized_end=1755
-  _globals['_LINELIST']._serialized_start=1757
-  _globals['_LINELIST']._serialized_end=1780
-  _globals['_VIEWOPENED']._serialized_start=1782
-  _globals['_VIEWOPENED']._serialized_end=1845
-  _globals['_EXERCISEUPDATE']._serialized_start=1847
-  _globals['_EXERCISEUPDATE']._serialized_end=1942
-  _globals['_UNSATISFIEDLINE']._serialized_start=1944
-  _globals['_UNSATISFIEDLINE']._serialized_end=2022
-  _globals['_FRAME']._serialized_start=2025
-  _globals['_FRAME']._serialized_end=2284
-  _globals['_SCENESERVICE']._serialized_start=2374
-  _globals['_SCENESERVICE']._serialized_end=2476
+  _globals['_VIEWSETTINGS']._serialized_end=1380
+  _globals['_REGIONOFINTEREST']._serialized_start=1382
+  _globals['_REGIONOFINTEREST']._serialized_end=1467
+  _globals['_PERSPECTIVE']._serialized_start=1469
+  _globals['_PERSPECTIVE']._serialized_end=1520
+  _globals['_ORTHOGRAPHIC']._serialized_start=1522
+  _globals['_ORTHOGRAPHIC']._serialized_end=1575
+  _globals['_TRIANGLEBUDGET']._serialized_start=1577
+  _globals['_TRIANGLEBUDGET']._serialized_end=1612
+  _globals['_SCREENERROR']._serialized_start=1614
+  _globals['_SCREENERROR']._serialized_end=1666
+  _globals['_FRAMETIME']._serialized_start=1668
+  _globals['_FRAMETIME']._serialized_end=1724
+  _globals['_SUBSCRIPTION']._serialized_start=1727
+  _globals['_SUBSCRIPTION']._serialized_end=1868
+  _globals['_ALLLINES']._serialized_start=1870
+  _globals['_ALLLINES']._serialized_end=1880
+  _globals['_NOLINES']._serialized_start=1882
+  _globals['_NOLINES']._serialized_end=1891
+  _globals['_LINELIST']._serialized_start=1893
+  _globals['_LINELIST']._serialized_end=1916
+  _globals['_VIEWOPENED']._serialized_start=1918
+  _globals['_VIEWOPENED']._serialized_end=1981
+  _globals['_EXERCISEUPDATE']._serialized_start=1983
+  _globals['_EXERCISEUPDATE']._serialized_end=2078
+  _globals['_UNSATISFIEDLINE']._serialized_start=2080
+  _globals['_UNSATISFIEDLINE']._serialized_end=2158
+  _globals['_FRAME']._serialized_start=2161
+  _globals['_FRAME']._serialized_end=2420
+  _globals['_SCENESERVICE']._serialized_start=2510
+  _globals['_SCENESERVICE']._serialized_end=2612
 # @@protoc_insertion_point(module_scope)

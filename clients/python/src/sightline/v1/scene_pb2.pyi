@@ -88,7 +88,7 @@ class Quaternion(_message.Message):
     def __init__(self, x: _Optional[float] = ..., y: _Optional[float] = ..., z: _Optional[float] = ..., w: _Optional[float] = ...) -> None: ...
 
 class ViewSettings(_message.Message):
-    __slots__ = ("perspective", "orthographic", "viewport_width_px", "viewport_height_px", "triangle_budget", "screen_error", "frame_time", "subscription")
+    __slots__ = ("perspective", "orthographic", "viewport_width_px", "viewport_height_px", "triangle_budget", "screen_error", "frame_time", "subscription", "regions")
     PERSPECTIVE_FIELD_NUMBER: _ClassVar[int]
     ORTHOGRAPHIC_FIELD_NUMBER: _ClassVar[int]
     VIEWPORT_WIDTH_PX_FIELD_NUMBER: _ClassVar[int]
@@ -97,6 +97,7 @@ class ViewSettings(_message.Message):
     SCREEN_ERROR_FIELD_NUMBER: _ClassVar[int]
     FRAME_TIME_FIELD_NUMBER: _ClassVar[int]
     SUBSCRIPTION_FIELD_NUMBER: _ClassVar[int]
+    REGIONS_FIELD_NUMBER: _ClassVar[int]
     perspective: Perspective
     orthographic: Orthographic
     viewport_width_px: int
@@ -105,7 +106,20 @@ class ViewSettings(_message.Message):
     screen_error: ScreenError
     frame_time: FrameTime
     subscription: Subscription
-    def __init__(self, perspective: _Optional[_Union[Perspective, _Mapping]] = ..., orthographic: _Optional[_Union[Orthographic, _Mapping]] = ..., viewport_width_px: _Optional[int] = ..., viewport_height_px: _Optional[int] = ..., triangle_budget: _Optional[_Union[TriangleBudget, _Mapping]] = ..., screen_error: _Optional[_Union[ScreenError, _Mapping]] = ..., frame_time: _Optional[_Union[FrameTime, _Mapping]] = ..., subscription: _Optional[_Union[Subscription, _Mapping]] = ...) -> None: ...
+    regions: _containers.RepeatedCompositeFieldContainer[RegionOfInterest]
+    def __init__(self, perspective: _Optional[_Union[Perspective, _Mapping]] = ..., orthographic: _Optional[_Union[Orthographic, _Mapping]] = ..., viewport_width_px: _Optional[int] = ..., viewport_height_px: _Optional[int] = ..., triangle_budget: _Optional[_Union[TriangleBudget, _Mapping]] = ..., screen_error: _Optional[_Union[ScreenError, _Mapping]] = ..., frame_time: _Optional[_Union[FrameTime, _Mapping]] = ..., subscription: _Optional[_Union[Subscription, _Mapping]] = ..., regions: _Optional[_Iterable[_Union[RegionOfInterest, _Mapping]]] = ...) -> None: ...
+
+class RegionOfInterest(_message.Message):
+    __slots__ = ("east_m", "north_m", "radius_m", "weight")
+    EAST_M_FIELD_NUMBER: _ClassVar[int]
+    NORTH_M_FIELD_NUMBER: _ClassVar[int]
+    RADIUS_M_FIELD_NUMBER: _ClassVar[int]
+    WEIGHT_FIELD_NUMBER: _ClassVar[int]
+    east_m: float
+    north_m: float
+    radius_m: float
+    weight: float
+    def __init__(self, east_m: _Optional[float] = ..., north_m: _Optional[float] = ..., radius_m: _Optional[float] = ..., weight: _Optional[float] = ...) -> None: ...
 
 class Perspective(_message.Message):
     __slots__ = ("tan_half_fov", "near_m")
