@@ -197,6 +197,39 @@ impl Replica {
 
     /// Applies a frame with at most `max_triangles` triangles, or changes nothing.
     pub fn apply(&mut self, frame: &v1::Frame, max_triangles: u32) -> Result<(), ApplyError> {
+        let accepted = self.accept(frame, max_triangles)?;
+        self.take(accepted);
+        Ok(())
+    }
+
+    /// [`Replica::apply`], and which posts came and went. Costs what changes; after a snapshot, what is held.
+    pub fn apply_noting(&mut self, frame: &v1::Frame, max_triangles: u32) -> Result<PostChanges, ApplyError> {
+        let accepted = self.accept(frame, max_triangles)?;
+        let changes = &accepted.changes;
+        let sorted = |keys: &mut dyn Iterator<Item = u64>| {
+            let mut posts: Vec<_> = keys.map(Post::from_key).collect();
+            posts.sort_unstable();
+            posts
+        };
+        let noted = if accepted.is_snapshot {
+            let stays = |k: &u64| changes.added.contains_key(k) || self.root.is_corner(Post::from_key(*k));
+            let comes = |k: &u64| !self.posts.contains_key(k);
+            PostChanges {
+                added: sorted(&mut changes.added.keys().copied().filter(comes)),
+                removed: sorted(&mut self.posts.keys().copied().filter(|k| !stays(k))),
+            }
+        } else {
+            PostChanges {
+                added: sorted(&mut changes.added.keys().copied()),
+                removed: sorted(&mut changes.removed.iter().copied()),
+            }
+        };
+        self.take(accepted);
+        Ok(noted)
+    }
+
+    /// What a frame makes of this mesh, with all that it announces checked.
+    fn accept(&self, frame: &v1::Frame, max_triangles: u32) -> Result<Accepted, ApplyError> {
         let (sequence, base, held) = (frame.sequence, frame.base_sequence, self.sequence);
         let is_snapshot = codec::kind(&frame.mesh)? == codec::Kind::Snapshot;
         if is_snapshot != (base == 0) {
@@ -219,14 +252,19 @@ impl Replica {
         if hash != frame.mesh_hash {
             return Err(ApplyError::Hash { announced: frame.mesh_hash, found: hash });
         }
+        Ok(Accepted { changes, is_snapshot, triangles, hash, sequence })
+    }
+
+    fn take(&mut self, accepted: Accepted) {
+        let Accepted { changes, is_snapshot, triangles, hash, sequence } = accepted;
         if is_snapshot {
+            let corners = self.corners();
             self.posts = changes.added;
             self.posts.extend(corners);
         } else {
             self.change(&changes);
         }
         (self.triangles, self.hash, self.sequence) = (triangles, hash, sequence);
-        Ok(())
     }
 
     /// The payload that turns `base` (nothing, when absent) into this mesh. Both must be of the same terrain.
@@ -360,6 +398,24 @@ impl Replica {
     fn is_orphan(&self, posts: &PostMap, p: Post) -> bool {
         self.root.parents(p).any(|parent| !posts.contains_key(&parent.key()))
     }
+}
+
+/// A frame that fits, before anything is changed.
+struct Accepted {
+    changes: Changes,
+    is_snapshot: bool,
+    triangles: u32,
+    hash: u64,
+    sequence: u64,
+}
+
+/// The posts that a frame brought and took, each list ordered by (j, i).
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct PostChanges {
+    /// Active now, and not before.
+    pub added: Vec<Post>,
+    /// Active before, and not now.
+    pub removed: Vec<Post>,
 }
 
 /// A mesh for a renderer. Metres east, north and up of an origin that the caller chose.

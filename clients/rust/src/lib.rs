@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+pub mod buffers;
 mod lines;
 pub mod morph;
 pub mod raster;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use sightline_proto::{
     EYE_LINE_ID,
-    replica::{ApplyError, Replica, TerrainError},
+    replica::{ApplyError, PostChanges, Replica, TerrainError},
     v1,
     verdict::{MeshVerdict, verdict_on_mesh},
 };
@@ -97,6 +97,7 @@ pub struct SceneState {
     lines: BTreeMap<u64, StatedLine>,
     unsatisfied: BTreeMap<u64, v1::UnsatisfiedReason>,
     last: LastFrame,
+    changes: PostChanges,
 }
 
 /// What the last frame said beside its mesh.
@@ -104,6 +105,8 @@ pub struct SceneState {
 pub struct LastFrame {
     /// Its number; 0 before the first.
     pub sequence: u64,
+    /// The number of the frame that was held before it; 0 before the second.
+    pub previous: u64,
     /// The pose that it was made for.
     pub pose_sequence: u64,
     /// The epoch whose sight lines it honours.
@@ -128,6 +131,7 @@ impl SceneState {
             lines: BTreeMap::new(),
             unsatisfied: BTreeMap::new(),
             last: LastFrame::default(),
+            changes: PostChanges::default(),
         })
     }
 
@@ -163,10 +167,11 @@ impl SceneState {
             return Err(SceneError::Epoch { sequence, epoch, held });
         }
         let unsatisfied = self.renamed(frame)?;
-        self.replica.apply(frame, self.max_triangles)?;
+        self.changes = self.replica.apply_noting(frame, self.max_triangles)?;
         self.unsatisfied = unsatisfied;
         self.last = LastFrame {
             sequence: frame.sequence,
+            previous: self.last.sequence,
             pose_sequence: frame.pose_sequence,
             epoch: frame.epoch,
             bound_px: frame.distortion_bound_px,
@@ -211,6 +216,11 @@ impl SceneState {
     /// What the last frame said beside its mesh.
     pub fn last_frame(&self) -> LastFrame {
         self.last
+    }
+
+    /// The posts that the last frame brought and took, against the mesh held before it.
+    pub fn last_changes(&self) -> &PostChanges {
+        &self.changes
     }
 
     /// The epoch of the sight lines held.
