@@ -27,6 +27,7 @@ async fn main() -> Result<(), ClientError> {
         viewport_height_px: 720,
         target: Some(v1::view_settings::Target::TriangleBudget(v1::TriangleBudget { triangles })),
         subscription: None, // all sight lines of the exercise; here there is none
+        ..Default::default()
     };
     let mut view = client.open_view("", settings, pose(&terrain, 0)).await?;
     next_frame(&mut view).await?;
