@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sightline import Pose, Settings
+from sightline import Pose, Region, Settings
 
 
 def rotate(q: tuple[float, float, float, float], v: tuple[float, float, float]) -> np.ndarray:
@@ -35,6 +35,8 @@ def test_targets_of_settings() -> None:
     assert Settings(frame_time_ms=8.0).to_wire().WhichOneof("target") == "frame_time"
     assert Settings(lines=[3, 4]).to_wire().subscription.list.ids == [3, 4]
     assert Settings(lines="none").to_wire().subscription.WhichOneof("lines") == "none"
+    assert Settings(half_height_m=300.0).to_wire().orthographic.half_height_m == 300
+    assert Settings(regions=[Region(1.0, 2.0, 3.0, 4.0)]).to_wire().regions[0].weight == 4
     with pytest.raises(ValueError, match="two targets"):
         Settings(screen_error_px=1.0, frame_time_ms=1.0).to_wire()
     with pytest.raises(ValueError, match="lines"):

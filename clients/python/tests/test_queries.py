@@ -55,6 +55,32 @@ def test_one_line(server: sightline.Client) -> None:
     assert over.unknown_reason is sightline.UnknownReason.UNKNOWN_GROUND
 
 
+def test_stretches_cover_a_line(server: sightline.Client) -> None:
+    low = server.line_of_sight((20, 30, 2), (70, 40, 2), frame="grid", altitude="agl", stretches=True)
+    for stretches in (low.line, low.ground):
+        assert stretches[0].start == 0 and stretches[-1].end == 1
+        assert all(a.end == b.start for a, b in itertools.pairwise(stretches))
+    assert sightline.LineState.BELOW in {s.state for s in low.line}
+    assert {s.state for s in low.ground} == {sightline.GroundState.SEEN, sightline.GroundState.HIDDEN}
+
+
+def test_a_stream_of_groups_answers_as_a_batch_does(server: sightline.Client) -> None:
+    dice = np.random.default_rng(3)
+    a, b = (np.column_stack([dice.uniform(0, NX - 1, 300), dice.uniform(0, NY - 1, 300), np.full(300, 3.0)]) for _ in "ab")
+    ids = np.arange(300) + 7_000
+    groups = [(ids[at : at + 30], a[at : at + 30], b[at : at + 30]) for at in range(0, 300, 30)]
+    groups.insert(4, ([1], [[np.nan, 0, 0]], [[1, 1, 1]]))
+    found, refused = {}, []
+    for some, answers in server.stream_lines_of_sight(groups, frame="grid", altitude="agl"):
+        if isinstance(answers, sightline.Refused):
+            refused.append((some.tolist(), answers.code))
+        else:
+            found.update(zip(some.tolist(), answers.verdicts.tolist(), strict=True))
+    wanted = server.lines_of_sight(a, b, frame="grid", altitude="agl").verdicts.tolist()
+    assert [found[n] for n in ids] == wanted
+    assert refused == [([1], "INVALID_ARGUMENT")]
+
+
 def exact(a: list[float], b: list[float]) -> Verdict:
     """A line along a row of posts, by fractions: the ground is linear between two posts of a row."""
     (ax, j, az), (bx, _, bz) = ([Fraction(c) for c in end] for end in (a, b))

@@ -7,8 +7,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import AsyncIterable, Awaitable, Iterable
+from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Iterable
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -97,6 +98,19 @@ async def connect(address: str, *, timeout_s: float = 60.0, connect_timeout_s: f
     return Client(channel, target, timeout_s)
 
 
+LineGroup = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
+"""Ids, observers and targets of a group of lines."""
+
+
+async def _each(items: Iterable[_T] | AsyncIterable[_T]) -> AsyncIterator[_T]:
+    if isinstance(items, AsyncIterable):
+        async for item in items:
+            yield item
+    else:
+        for item in items:
+            yield item
+
+
 async def _ready(channel: grpc.aio.Channel, failed: ConnectError) -> None:
     while (state := channel.get_state(try_to_connect=True)) is not grpc.ChannelConnectivity.READY:
         if state is grpc.ChannelConnectivity.TRANSIENT_FAILURE:
@@ -167,12 +181,14 @@ class Client:
         altitude: Altitude = "absolute",
         strict: bool = False,
         derive: bool = False,
+        stretches: bool = False,
         precision: Precision | float = "exact",
         earth_radius_m: float | None = None,
     ) -> LineOfSight:
         """Whether observer `a` sees target `b`, exactly.
 
-        With `strict`, mere contact blocks; with `derive`, the answer has obstruction, clearance and least target height.
+        With `strict`, mere contact blocks; with `derive`, the answer has obstruction, clearance and least target height,
+        with `stretches` what lies above and below ground along the line, and which ground under it is seen.
         `precision` as a number is a tolerance in height units. `earth_radius_m` puts a sphere under the line.
         """
         request = line_of_sight_pb2.QueryLineOfSightRequest(
@@ -180,6 +196,7 @@ class Client:
             b=convert.end(b, frame, altitude),
             strict=strict,
             derive=derive,
+            stretches=stretches,
             options=convert.options(precision, earth_radius_m),
         )
         return convert.line_of_sight(await self._one(self._lines.QueryLineOfSight(request, timeout=self.timeout_s)))
@@ -209,6 +226,35 @@ class Client:
         columns = ((p.verdicts, p.grazes, p.certain) for p in parts)
         verdicts, grazes, certain = (np.concatenate(column) for column in zip(*columns, strict=True))
         return LinesOfSight(verdicts, grazes, certain)
+
+    async def stream_lines_of_sight(
+        self,
+        groups: Iterable[LineGroup] | AsyncIterable[LineGroup],
+        *,
+        frame: Frame = "map",
+        altitude: Altitude = "absolute",
+        strict: bool = False,
+        precision: Precision | float = "exact",
+    ) -> AsyncIterator[tuple[npt.NDArray[np.uint64], LinesOfSight | Refused]]:
+        """Questions as they arise: groups of (ids, observers, targets), arrays of (n,), (n, 3) and (n, 3), n to 10,000.
+
+        Answers come with the ids of their group as they are ready, in any order. A group that the server refuses comes
+        with the reason, and the stream goes on.
+        """
+        how = convert.options(precision)
+
+        async def asked() -> AsyncIterator[line_of_sight_pb2.StreamLinesOfSightRequest]:
+            async for ids, a, b in _each(groups):
+                starts, ends = np.broadcast_arrays(convert.columns(a, 3), convert.columns(b, 3))
+                lines = convert.batch(starts, ends, frame, altitude, strict, how)
+                numbers = np.asarray(ids, dtype=np.uint64).tolist()
+                yield line_of_sight_pb2.StreamLinesOfSightRequest(ids=numbers, lines=lines)
+
+        try:
+            async for answer in self._lines.StreamLinesOfSight(asked()):
+                yield convert.group(answer)
+        except grpc.RpcError as error:
+            raise _translated(error, self.address) from None
 
     async def ray(
         self,
@@ -489,7 +535,8 @@ class View:
             if is_frame and self.scene.frame:
                 self._lost_place = False
                 self.bytes_received += self.scene.frame.payload_bytes
-                await self._send(steer=self._steering())
+                with contextlib.suppress(SightlineError):  # the next call tells
+                    await self._send(steer=self._steering())
                 return self.scene.frame
 
     async def _next_message(self, deadline: float | None) -> Any:

@@ -8,14 +8,18 @@ from __future__ import annotations
 import asyncio
 import functools
 import threading
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
 from . import aio
 from .camera import Pose, Settings
-from .errors import ConnectError
+from .errors import ConnectError, Refused
 from .scene import Scene
+from .types import Altitude, Frame, LinesOfSight, Precision
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -97,6 +101,29 @@ class Client:
     exercise = _client(aio.Client.exercise)
     change_exercise = _client(aio.Client.change_exercise)
     delete_exercise = _client(aio.Client.delete_exercise)
+
+    def stream_lines_of_sight(
+        self,
+        groups: Iterable[aio.LineGroup],
+        *,
+        frame: Frame = "map",
+        altitude: Altitude = "absolute",
+        strict: bool = False,
+        precision: Precision | float = "exact",
+    ) -> Iterator[tuple[npt.NDArray[np.uint64], LinesOfSight | Refused]]:
+        """Many groups of lines at once: see :meth:`sightline.aio.Client.stream_lines_of_sight`.
+
+        `groups` is read in another thread, as the server has room.
+        """
+        answers = self._client.stream_lines_of_sight(
+            groups, frame=frame, altitude=altitude, strict=strict, precision=precision
+        )
+
+        async def following() -> tuple[npt.NDArray[np.uint64], LinesOfSight | Refused] | None:
+            return await anext(answers, None)
+
+        while (answer := self._loop.run(following())) is not None:
+            yield answer
 
     def view(self, pose: Pose, settings: Settings | None = None, *, exercise: str = "") -> View:
         """Opens a view of `exercise` (empty: of the terrain alone)."""

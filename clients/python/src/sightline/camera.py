@@ -61,8 +61,18 @@ def _quaternion(m: list[list[float]]) -> tuple[float, float, float, float]:
 
 
 @dataclass(frozen=True, slots=True)
+class Region:
+    """A disc in plan, scene frame, in which distortion counts `weight` times, at least once."""
+
+    east_m: float
+    north_m: float
+    radius_m: float
+    weight: float
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
-    """Camera, target and subscription of a view.
+    """Camera, target, subscription and regions of a view.
 
     The target is `triangles` alone (the best mesh of at most so many), or with `screen_error_px` (the smallest mesh that
     good), or with `frame_time_ms` (as many as the client draws in that time); `triangles` caps those two.
@@ -72,21 +82,27 @@ class Settings:
     screen_error_px: float | None = None
     frame_time_ms: float | None = None
     fov_deg: float = 60.0
-    """Vertical field of view."""
+    """Vertical field of view of a perspective."""
+    half_height_m: float | None = None
+    """Half the height of the picture in a parallel projection; None for a perspective."""
     near_m: float = 1.0
     viewport_px: tuple[int, int] = (1280, 720)
     lines: Literal["all", "none"] | Sequence[int] = field(default="all")
     """The sight lines that each frame must honour: all, none, or those with these ids."""
+    regions: Sequence[Region] = ()
+    """Where the mesh is to be finer than the picture alone asks for."""
 
     def to_wire(self) -> scene.ViewSettings:
         """The message."""
         width, height = self.viewport_px
-        tangent = math.tan(math.radians(self.fov_deg) / 2)
-        wire = scene.ViewSettings(
-            perspective=scene.Perspective(tan_half_fov=tangent, near_m=self.near_m),
-            viewport_width_px=width,
-            viewport_height_px=height,
-        )
+        wire = scene.ViewSettings(viewport_width_px=width, viewport_height_px=height)
+        if self.half_height_m is None:
+            wire.perspective.tan_half_fov = math.tan(math.radians(self.fov_deg) / 2)
+            wire.perspective.near_m = self.near_m
+        else:
+            wire.orthographic.half_height_m, wire.orthographic.near_m = self.half_height_m, self.near_m
+        for r in self.regions:
+            wire.regions.add(east_m=r.east_m, north_m=r.north_m, radius_m=r.radius_m, weight=r.weight)
         if self.screen_error_px is not None and self.frame_time_ms is not None:
             raise ValueError("screen_error_px and frame_time_ms are two targets: give one")
         if self.screen_error_px is not None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
+import grpc
 import numpy as np
 import numpy.typing as npt
 
-from .errors import ProtocolError
+from .errors import ProtocolError, Refused
 from .types import (
     Altitude,
     AtEntity,
@@ -19,10 +21,12 @@ from .types import (
     Fidelity,
     Floats,
     Frame,
+    GroundState,
     Heights,
     Horizon,
     LineOfSight,
     LinesOfSight,
+    LineState,
     Obstruction,
     Point,
     Precision,
@@ -30,7 +34,9 @@ from .types import (
     Ray,
     RayEnd,
     SightLine,
+    State,
     StatedLine,
+    Stretch,
     Terrain,
     UnknownReason,
     Verdict,
@@ -221,6 +227,13 @@ def _obstruction(wire: los.Obstruction) -> Obstruction:
     return Obstruction(_triple(wire.position), wire.range_m)
 
 
+def _stretches(state: Callable[[int], State], wire: Iterable[Any]) -> tuple[Stretch[State], ...]:
+    try:
+        return tuple(Stretch(getattr(s, "from"), s.to, state(s.state)) for s in wire)
+    except ValueError as error:
+        raise ProtocolError(f"a stretch of a line: {error}") from None
+
+
 def line_of_sight(wire: los.QueryLineOfSightResponse) -> LineOfSight:
     """The answer to one line."""
 
@@ -240,6 +253,8 @@ def line_of_sight(wire: los.QueryLineOfSightResponse) -> LineOfSight:
         least_clearance=wire.least_clearance if given("least_clearance") else None,
         deepest=wire.deepest if given("deepest") else None,
         least_target_z=wire.least_target_z if given("least_target_z") else None,
+        line=_stretches(LineState, wire.line),
+        ground=_stretches(GroundState, wire.ground),
     )
 
 
@@ -258,6 +273,17 @@ def lines_of_sight(chunks: Sequence[los.QueryLineOfSightBatchResponse], asked: i
         grazes=np.fromiter((g for chunk in chunks for g in chunk.grazes), dtype=np.bool_),
         certain=np.fromiter((c for chunk in chunks for c in chunk.certain), dtype=np.bool_),
     )
+
+
+def group(wire: los.StreamLinesOfSightResponse) -> tuple[npt.NDArray[np.uint64], LinesOfSight | Refused]:
+    """The answers to one group of a stream of lines, or why it has none."""
+    ids = np.array(wire.ids, dtype=np.uint64)
+    if wire.HasField("refusal"):
+        names = {code.value[0]: code.name for code in grpc.StatusCode}
+        return ids, Refused(names.get(wire.refusal.code, "UNKNOWN"), wire.refusal.message)
+    _same_length(wire.ids, wire.verdicts, wire.grazes, wire.certain)
+    grazes, certain = (np.array(column, dtype=np.bool_) for column in (wire.grazes, wire.certain))
+    return ids, LinesOfSight(verdicts(wire.verdicts), grazes, certain)
 
 
 def ray(wire: los.QueryRayResponse) -> Ray:
@@ -343,7 +369,11 @@ def stated_line(state: exercise_wire.SightLineState) -> StatedLine:
     verdict = _verdict(state.verdict)
     if (ends is None and verdict is not Verdict.UNKNOWN) or not all(map(math.isfinite, sum(ends or (), ()))):
         raise ProtocolError(f"sight line {state.id} is stated without a verdict, or with ends that are not finite")
-    return StatedLine(state.id, ends, verdict, Fidelity(state.fidelity or Fidelity.VERDICT))
+    try:
+        fidelity = Fidelity(state.fidelity or Fidelity.VERDICT)
+    except ValueError:
+        raise ProtocolError(f"sight line {state.id} has fidelity {state.fidelity}, which is none") from None
+    return StatedLine(state.id, ends, verdict, fidelity)
 
 
 _FRAME_NAMES: dict[int, Frame] = {number: name for name, number in _FRAMES.items()}  # type: ignore[misc]

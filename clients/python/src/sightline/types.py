@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ Frame = Literal["map", "grid", "geographic", "scene"]
 Altitude = Literal["absolute", "agl"]
 """What z means: above the DEM's vertical datum, or above the ground."""
 Precision = Literal["exact", "f64", "fast"]
+
+State = TypeVar("State", bound="LineState | GroundState")
 
 EYE_LINE_ID = (1 << 64) - 1
 """The id that a frame gives to the requirement that the viewer's eye is not under its own mesh."""
@@ -52,6 +54,22 @@ class Fidelity(enum.IntEnum):
     VERDICT = 1
     WEDGIE = 2
     PROFILE = 3
+
+
+class LineState(enum.IntEnum):
+    """How a stretch of a line stands to the ground: above it or on it, strictly below it, over unknown ground."""
+
+    ABOVE = 1
+    BELOW = 2
+    UNKNOWN = 3
+
+
+class GroundState(enum.IntEnum):
+    """Whether a stretch of ground is seen from A."""
+
+    SEEN = 1
+    HIDDEN = 2
+    UNKNOWN = 3
 
 
 class RayEnd(enum.IntEnum):
@@ -125,6 +143,16 @@ class Obstruction:
 
 
 @dataclass(frozen=True, slots=True)
+class Stretch(Generic[State]):
+    """A greatest part of a line, or of the ground under it, in one state."""
+
+    start: float
+    """As a part of the line: 0 at A, 1 at B."""
+    end: float
+    state: State
+
+
+@dataclass(frozen=True, slots=True)
 class LineOfSight:
     """The exact answer to one question."""
 
@@ -148,6 +176,10 @@ class LineOfSight:
     """Of a blocked line: its greatest depth below ground, height units."""
     least_target_z: float | None = None
     """The least z of the target, grid frame, at which the line would not be blocked."""
+    line: tuple[Stretch[LineState], ...] = ()
+    """The line by its stretches, if asked for."""
+    ground: tuple[Stretch[GroundState], ...] = ()
+    """The ground under it by its stretches, if asked for."""
 
     @property
     def visible(self) -> bool:
