@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import CELL_M, NX, NY, Server
 
@@ -95,6 +96,23 @@ def test_epochs_and_settings_reach_a_view(server: sightline.Client, exercise: st
         view.request_snapshot()
         while view.frame().base_sequence != 0:
             pass
+
+
+def test_a_region_is_finer(server: sightline.Client) -> None:
+    def posts_inside(settings: Settings) -> int:
+        with server.view(poses(1)[0], settings) as view:
+            view.frame()
+            vertices = view.scene.mesh.vertices()
+        return int((np.hypot(vertices[:, 0] - 1800, vertices[:, 1] - 1200) < 200).sum())
+
+    region = sightline.Region(1800.0, 1200.0, 200.0, 1000.0)
+    assert posts_inside(Settings(triangles=400, regions=[region])) > 2 * posts_inside(Settings(triangles=400))
+
+
+def test_a_parallel_projection(server: sightline.Client) -> None:
+    down = Pose.looking((TARGET[0], TARGET[1], 3000.0), TARGET)
+    with server.view(down, Settings(triangles=400, half_height_m=1500.0)) as view:
+        assert view.frame().triangles in (399, 400)
 
 
 def test_a_mesh_that_was_lost_is_asked_for_again(server: sightline.Client) -> None:

@@ -10,6 +10,7 @@ for verdicts here, by code that shares nothing with the server but its specifica
 """
 
 from . import aio
+from .aio import Access
 from .blocking import Client, View, connect
 from .camera import Pose, Region, Settings
 from .errors import (
@@ -53,6 +54,7 @@ from .verdict import verdict_on_mesh
 
 __all__ = [
     "EYE_LINE_ID",
+    "Access",
     "AtEntity",
     "AtPoint",
     "Client",

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Iterable
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -79,13 +80,28 @@ def _refusal(code: grpc.StatusCode, details: str, address: str) -> SightlineErro
     return Refused(code.name, details)
 
 
-async def connect(address: str, *, timeout_s: float = 60.0, connect_timeout_s: float = 10.0) -> Client:
-    """Connects to the server at `address`, such as ``"127.0.0.1:7410"``.
+@dataclass(frozen=True)
+class Access:
+    """What a client trusts, and who it is."""
 
-    `timeout_s` is the deadline of each call but the scene stream. Raises :class:`ConnectError` when nothing answers.
+    authorities: bytes | None = None
+    """The authorities one of which must have signed the server's certificate, PEM; None: those that the system trusts."""
+    identity: tuple[bytes, bytes] | None = field(default=None, repr=False)
+    """This client's certificate and its key, PEM, for servers that ask for one."""
+    token: str | None = field(default=None, repr=False)
+    """The secret of this client's token."""
+
+
+async def connect(
+    address: str, *, access: Access | None = None, timeout_s: float = 60.0, connect_timeout_s: float = 10.0
+) -> Client:
+    """Connects to the server at `address`, such as ``"127.0.0.1:7410"``, or ``"https://host:7410"`` for TLS.
+
+    `timeout_s` is the deadline of each call but the streams. Raises :class:`ConnectError` when nothing answers, or when
+    certificates do not fit.
     """
-    target = address.removeprefix("http://")
-    channel = grpc.aio.insecure_channel(target, options=_CHANNEL_OPTIONS)
+    access = access or Access()
+    channel = _channel(address, access)
     failed = ConnectError(f"cannot connect to {address}; is a Sightline server running there?")
     try:
         await asyncio.wait_for(_ready(channel, failed), connect_timeout_s)
@@ -95,7 +111,15 @@ async def connect(address: str, *, timeout_s: float = 60.0, connect_timeout_s: f
     except BaseException:
         await channel.close(None)
         raise
-    return Client(channel, target, timeout_s)
+    return Client(channel, address, timeout_s, access.token)
+
+
+def _channel(address: str, access: Access) -> grpc.aio.Channel:
+    if not address.startswith("https://"):
+        return grpc.aio.insecure_channel(address.removeprefix("http://"), options=_CHANNEL_OPTIONS)
+    certificate, key = access.identity or (None, None)
+    credentials = grpc.ssl_channel_credentials(access.authorities, key, certificate)
+    return grpc.aio.secure_channel(address.removeprefix("https://"), credentials, options=_CHANNEL_OPTIONS)
 
 
 LineGroup = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
@@ -121,8 +145,9 @@ async def _ready(channel: grpc.aio.Channel, failed: ConnectError) -> None:
 class Client:
     """A connection to a server. Made by :func:`connect`."""
 
-    def __init__(self, channel: grpc.aio.Channel, address: str, timeout_s: float) -> None:
+    def __init__(self, channel: grpc.aio.Channel, address: str, timeout_s: float, token: str | None) -> None:
         self._channel = channel
+        self._metadata = [("authorization", f"Bearer {token}")] if token else []
         self.address = address
         self.timeout_s = timeout_s
         self._terrains = terrain_pb2_grpc.TerrainServiceStub(channel)  # type: ignore[no-untyped-call]
@@ -140,6 +165,9 @@ class Client:
     async def __aexit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         await self.close()
 
+    def _call(self) -> dict[str, Any]:
+        return {"timeout": self.timeout_s, "metadata": self._metadata}
+
     async def _one(self, call: Awaitable[_T]) -> _T:
         try:
             return await call
@@ -156,7 +184,7 @@ class Client:
 
     async def terrain(self) -> Terrain:
         """The terrain that the server holds."""
-        call = self._terrains.DescribeTerrain(terrain_pb2.DescribeTerrainRequest(), timeout=self.timeout_s)
+        call = self._terrains.DescribeTerrain(terrain_pb2.DescribeTerrainRequest(), **self._call())
         return convert.terrain((await self._one(call)).terrain)
 
     async def heights(self, points: npt.ArrayLike, *, frame: Frame = "map", normals: bool = False) -> Heights:
@@ -165,7 +193,7 @@ class Client:
         request = terrain_pb2.GetHeightsRequest(frame=convert.frame(frame), normals=normals)
         request.x.extend(xy[:, 0].tolist())
         request.y.extend(xy[:, 1].tolist())
-        found = await self._one(self._terrains.GetHeights(request, timeout=self.timeout_s))
+        found = await self._one(self._terrains.GetHeights(request, **self._call()))
         if len(found.z) != len(xy):
             raise ProtocolError(f"{len(found.z)} heights at {len(xy)} points")
         return convert.heights(found, normals)
@@ -199,7 +227,7 @@ class Client:
             stretches=stretches,
             options=convert.options(precision, earth_radius_m),
         )
-        return convert.line_of_sight(await self._one(self._lines.QueryLineOfSight(request, timeout=self.timeout_s)))
+        return convert.line_of_sight(await self._one(self._lines.QueryLineOfSight(request, **self._call())))
 
     async def lines_of_sight(
         self,
@@ -219,7 +247,7 @@ class Client:
         for at in range(0, len(starts), BATCH_LINES):
             some = slice(at, at + BATCH_LINES)
             request = convert.batch(starts[some], ends[some], frame, altitude, strict, how)
-            chunks = await self._all(self._lines.QueryLineOfSightBatch(request, timeout=self.timeout_s))
+            chunks = await self._all(self._lines.QueryLineOfSightBatch(request, **self._call()))
             parts.append(convert.lines_of_sight(chunks, len(request.ax)))
         if not parts:
             return LinesOfSight(np.zeros(0, np.int8), np.zeros(0, np.bool_), np.zeros(0, np.bool_))
@@ -251,7 +279,7 @@ class Client:
                 yield line_of_sight_pb2.StreamLinesOfSightRequest(ids=numbers, lines=lines)
 
         try:
-            async for answer in self._lines.StreamLinesOfSight(asked()):
+            async for answer in self._lines.StreamLinesOfSight(asked(), metadata=self._metadata):
                 yield convert.group(answer)
         except grpc.RpcError as error:
             raise _translated(error, self.address) from None
@@ -275,7 +303,7 @@ class Client:
             options=convert.options("exact", earth_radius_m),
         )
         getattr(request, "from").CopyFrom(convert.end(start, frame, altitude))
-        return convert.ray(await self._one(self._lines.QueryRay(request, timeout=self.timeout_s)))
+        return convert.ray(await self._one(self._lines.QueryRay(request, **self._call())))
 
     async def horizon(
         self,
@@ -293,14 +321,14 @@ class Client:
         request = line_of_sight_pb2.QueryHorizonRequest(range_m=range_m, options=options)
         getattr(request, "from").CopyFrom(convert.end(observer, frame, altitude))
         request.azimuths_deg.extend(azimuths.tolist())
-        return convert.horizon(await self._one(self._lines.QueryHorizon(request, timeout=self.timeout_s)), azimuths)
+        return convert.horizon(await self._one(self._lines.QueryHorizon(request, **self._call())), azimuths)
 
     async def profile(self, a: npt.ArrayLike, b: npt.ArrayLike, *, frame: Frame = "map") -> Profile:
         """Every vertex of the ground under the line from `a` to `b`, plan positions (2,) in `frame`."""
         ends = convert.columns(np.stack([np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)]), 2)
         (ax, ay), (bx, by) = ends.tolist()
         request = line_of_sight_pb2.QueryProfileRequest(frame=convert.frame(frame), ax=ax, ay=ay, bx=bx, by=by)
-        return convert.profile(await self._one(self._lines.QueryProfile(request, timeout=self.timeout_s)))
+        return convert.profile(await self._one(self._lines.QueryProfile(request, **self._call())))
 
     async def viewshed(
         self,
@@ -333,7 +361,7 @@ class Client:
             sides = zip(("first_i", "last_i", "first_j", "last_j"), rectangle, strict=True)
             request.rectangle.CopyFrom(line_of_sight_pb2.PostRectangle(**dict(sides)))
         ground = await self.terrain()
-        return convert.viewshed(await self._all(self._lines.QueryViewshed(request, timeout=self.timeout_s)), ground)
+        return convert.viewshed(await self._all(self._lines.QueryViewshed(request, **self._call())), ground)
 
     async def intervisibility(
         self,
@@ -354,7 +382,7 @@ class Client:
         )
         for name, values in zip("xyz", xyz.T, strict=True):
             getattr(request, name).extend(values.tolist())
-        rows = await self._all(self._lines.QueryIntervisibility(request, timeout=self.timeout_s))
+        rows = await self._all(self._lines.QueryIntervisibility(request, **self._call()))
         return convert.intervisibility(rows, len(xyz))
 
     # --- exercises
@@ -362,18 +390,18 @@ class Client:
     async def create_exercise(self, name: str) -> None:
         """Makes an exercise, at epoch 0."""
         request = exercise_pb2.CreateExerciseRequest(name=name)
-        await self._one(self._exercises.CreateExercise(request, timeout=self.timeout_s))
+        await self._one(self._exercises.CreateExercise(request, **self._call()))
 
     async def exercises(self) -> list[ExerciseSummary]:
         """The outlines of all exercises, by name."""
         request = exercise_pb2.ListExercisesRequest()
-        found = await self._one(self._exercises.ListExercises(request, timeout=self.timeout_s))
+        found = await self._one(self._exercises.ListExercises(request, **self._call()))
         return [ExerciseSummary(e.name, e.epoch, e.entities, e.sight_lines) for e in found.exercises]
 
     async def exercise(self, name: str) -> Exercise:
         """An exercise at its present epoch: entities, resolved sight lines, exact verdicts."""
         request = exercise_pb2.GetExerciseRequest(name=name)
-        return convert.exercise(name, await self._one(self._exercises.GetExercise(request, timeout=self.timeout_s)))
+        return convert.exercise(name, await self._one(self._exercises.GetExercise(request, **self._call())))
 
     async def change_exercise(
         self,
@@ -392,12 +420,12 @@ class Client:
             put_entities=map(convert.entity, put_entities),
             put_sight_lines=map(convert.sight_line, put_lines),
         )
-        return int((await self._one(self._exercises.ChangeExercise(request, timeout=self.timeout_s))).epoch)
+        return int((await self._one(self._exercises.ChangeExercise(request, **self._call()))).epoch)
 
     async def delete_exercise(self, name: str) -> None:
         """Ends an exercise and every view of it."""
         request = exercise_pb2.DeleteExerciseRequest(name=name)
-        await self._one(self._exercises.DeleteExercise(request, timeout=self.timeout_s))
+        await self._one(self._exercises.DeleteExercise(request, **self._call()))
 
     # --- views
 
@@ -436,7 +464,7 @@ class View:
         wire = scene_pb2.OpenView(
             exercise=self._exercise, settings=self._settings.to_wire(), pose=self._pose.to_wire()
         )
-        call = self._client._scenes.StreamScene()
+        call = self._client._scenes.StreamScene(metadata=self._client._metadata)
         self._call, self._pose_sequence, self._lost_place = call, 0, False
         try:
             await asyncio.wait_for(call.write(scene_pb2.StreamSceneRequest(open=wire)), self._client.timeout_s)

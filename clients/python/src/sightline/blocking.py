@@ -67,14 +67,18 @@ def _view(method: Callable[Concatenate[aio.View, P], Coroutine[Any, Any, R]]) ->
     return call
 
 
-def connect(address: str, *, timeout_s: float = 60.0, connect_timeout_s: float = 10.0) -> Client:
-    """Connects to the server at `address`, such as ``"127.0.0.1:7410"``.
+def connect(
+    address: str, *, access: aio.Access | None = None, timeout_s: float = 60.0, connect_timeout_s: float = 10.0
+) -> Client:
+    """Connects to the server at `address`, such as ``"127.0.0.1:7410"``, or ``"https://host:7410"`` for TLS.
 
-    `timeout_s` is the deadline of each call but the scene stream. Raises :class:`ConnectError` when nothing answers.
+    `timeout_s` is the deadline of each call but the streams. Raises :class:`ConnectError` when nothing answers, or when
+    certificates do not fit.
     """
     loop = _Loop()
     try:
-        return Client(loop, loop.run(aio.connect(address, timeout_s=timeout_s, connect_timeout_s=connect_timeout_s)))
+        connecting = aio.connect(address, access=access, timeout_s=timeout_s, connect_timeout_s=connect_timeout_s)
+        return Client(loop, loop.run(connecting))
     except BaseException:
         loop.stop()
         raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import grpc
 import numpy as np
@@ -56,11 +56,6 @@ _FRAMES = {
 }
 _ALTITUDES = {"absolute": common.ALTITUDE_REFERENCE_ABSOLUTE, "agl": common.ALTITUDE_REFERENCE_ABOVE_GROUND}
 _PRECISIONS = {"exact": los.PRECISION_EXACT, "f64": los.PRECISION_F64, "fast": los.PRECISION_FAST}
-_FIDELITIES = {
-    Fidelity.VERDICT: exercise_wire.FIDELITY_VERDICT,
-    Fidelity.WEDGIE: exercise_wire.FIDELITY_WEDGIE,
-    Fidelity.PROFILE: exercise_wire.FIDELITY_PROFILE,
-}
 TILE_POSTS = 64
 """Side of a tile of a viewshed."""
 
@@ -154,7 +149,7 @@ def sight_line(given: SightLine) -> exercise_wire.SightLine:
         id=given.id,
         a=_anchor(given.a),
         b=_anchor(given.b),
-        fidelity=_FIDELITIES[given.fidelity],
+        fidelity=cast(exercise_wire.Fidelity, int(given.fidelity)),
         priority=given.priority,
     )
 
