@@ -6,7 +6,7 @@ A mesh is a set of active posts with integer heights; its triangles follow by de
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,9 @@ import numpy.typing as npt
 from .diamond import Post, corners, inside, parents
 from .errors import PayloadError, ProtocolError
 from .payload import decode
+
+Triangle = tuple[Post, Post, Post]
+"""The apex, an end of the base, the other end."""
 
 _MASK = (1 << 64) - 1
 MAX_EXPONENT = 31
@@ -137,18 +140,24 @@ class Mesh:
         self._posts.update(change.added)
         self._triangle_count, self._hash, self._arrays = count, total, None
 
-    def __iter__(self) -> Iterator[tuple[Post, Post, Post]]:
-        """The triangles as (apex, end of the base, other end), depth first, those beyond the grid included."""
+    def __iter__(self) -> Iterator[Triangle]:
+        """The triangles, depth first, those beyond the grid included."""
+        return self.walk(lambda _: False)
+
+    def walk(self, skip: Callable[[Triangle], bool]) -> Iterator[Triangle]:
+        """The triangles, depth first, without those inside a triangle of any level that `skip` answers with True."""
         s = self.grid.side
-        pending = [((0, s), (s, s), (0, 0)), ((s, 0), (0, 0), (s, s))]
+        pending: list[Triangle] = [((0, s), (s, s), (0, 0)), ((s, 0), (0, 0), (s, s))]
         while pending:
-            a, e0, e1 = pending.pop()
+            triangle = a, e0, e1 = pending.pop()
+            if skip(triangle):
+                continue
             x, y = e0[0] + e1[0], e0[1] + e1[1]
             m = (x // 2, y // 2)
             if x % 2 == 0 and y % 2 == 0 and m in self._posts:
                 pending += [(m, e1, a), (m, a, e0)]
             else:
-                yield a, e0, e1
+                yield triangle
 
     # --- arrays
 

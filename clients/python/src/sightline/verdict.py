@@ -13,11 +13,11 @@ a closed interval of t out of [0, 1]; there the height over the plane is linear,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 
 from .diamond import Post
-from .mesh import Mesh
+from .mesh import Mesh, Triangle
 from .types import Verdict
 
 _ZERO, _ONE = Fraction(0), Fraction(1)
@@ -29,7 +29,7 @@ class _Line:
 
     def __init__(self, a: Sequence[float], b: Sequence[float]) -> None:
         numbers = [float(c) for c in (*a, *b)]
-        if len(numbers) != 6 or not all(map(math.isfinite, numbers)):
+        if len(a) != 3 or len(b) != 3 or not all(map(math.isfinite, numbers)):
             raise ValueError(f"the ends of a line are three finite numbers each; here they are {a!r} and {b!r}")
         ratios = [c.as_integer_ratio() for c in numbers]
         self.unit = max(den for _, den in ratios)
@@ -64,23 +64,7 @@ def _over_grid(line: _Line, mesh: Mesh) -> Interval | None:
     return interval
 
 
-def _met(mesh: Mesh, line: _Line) -> Iterator[tuple[Post, Post, Post]]:
-    """Triangles that the line may meet in plan, the misses of the last level left to :func:`_clip`."""
-    s = mesh.grid.side
-    pending: list[tuple[Post, Post, Post]] = [((s, 0), (0, 0), (s, s)), ((0, s), (s, s), (0, 0))]
-    while pending:
-        a, e0, e1 = pending.pop()
-        if line.apart((a, e0, e1)):
-            continue
-        x, y = e0[0] + e1[0], e0[1] + e1[1]
-        m = (x // 2, y // 2)
-        if x % 2 == 0 and y % 2 == 0 and mesh.height(m) is not None:
-            pending += [(m, a, e0), (m, e1, a)]
-        else:
-            yield a, e0, e1
-
-
-def _dips(line: _Line, mesh: Mesh, triangle: tuple[Post, Post, Post], interval: Interval) -> bool:
+def _dips(line: _Line, mesh: Mesh, triangle: Triangle, interval: Interval) -> bool:
     """Whether the line is strictly below the triangle somewhere in `interval` of t."""
     (ai, aj), (i0, j0), (i1, j1) = triangle
     za, z0, z1 = (mesh.height(p) for p in triangle)
@@ -112,5 +96,5 @@ def verdict_on_mesh(mesh: Mesh, a: Sequence[float], b: Sequence[float]) -> Verdi
     interval = _over_grid(line, mesh)
     if interval is None:
         return Verdict.VISIBLE
-    blocked = any(_dips(line, mesh, triangle, interval) for triangle in _met(mesh, line))
+    blocked = any(_dips(line, mesh, triangle, interval) for triangle in mesh.walk(line.apart))
     return Verdict.BLOCKED if blocked else Verdict.VISIBLE
