@@ -74,20 +74,28 @@ pub(super) fn decode_heights(
     let width = if element == Element::I16 { 2 } else { 4 };
     let (values, bits) = bytes.split_at(width * cells);
     let samples = if element == Element::I16 {
-        let mut samples = vec![0; PAGE_POSTS].into_boxed_slice();
-        for (index, b) in posts(size).zip(values.as_chunks::<2>().0) {
-            samples[index] = i16::from_le_bytes(*b);
-        }
-        Samples::I16(samples)
+        Samples::I16(decode_samples(values, size.0, i16::from_le_bytes))
     } else {
-        let mut samples = vec![0; PAGE_POSTS].into_boxed_slice();
-        for (index, b) in posts(size).zip(values.as_chunks::<4>().0) {
-            samples[index] = i32::from_le_bytes(*b);
-        }
-        Samples::I32(samples)
+        Samples::I32(decode_samples(values, size.0, i32::from_le_bytes))
     };
     let voids = if flags == HAS_VOIDS { Some(decode_voids(bits, cells, size)?) } else { None };
     Ok(HeightPage::new(samples, voids))
+}
+
+/// The samples of a page of `width` columns, row by row, which is half the time of a first mesh when done post by post.
+fn decode_samples<const N: usize, V: Copy + Default>(
+    values: &[u8],
+    width: u32,
+    decode: impl Fn([u8; N]) -> V,
+) -> Box<[V]> {
+    let mut samples = vec![V::default(); PAGE_POSTS].into_boxed_slice();
+    let rows = samples.chunks_exact_mut(PAGE_SIDE as usize).zip(values.chunks_exact(N * width as usize));
+    for (row, bytes) in rows {
+        for (sample, value) in row.iter_mut().zip(bytes.as_chunks::<N>().0) {
+            *sample = decode(*value);
+        }
+    }
+    samples
 }
 
 fn decode_voids(bits: &[u8], cells: usize, size: (u32, u32)) -> Result<Box<[u64; PAGE_POSTS / 64]>, String> {

@@ -53,11 +53,15 @@ fn target(seed: u64, step: u64) -> Target {
     }
 }
 
-/// Follows `steps` random views; each must be what a new view of the same would be.
+/// Greatest budget of [`target`].
+const MOST_TRIANGLES: usize = 4004;
+
+/// Follows `steps` random views; every so many, the mesh must be what a new view of the same would be. None may stall, by
+/// taking more operations than it takes to give up all and build all, nor may memory grow with their number.
 fn follow(steps: u64, seed: u64, every: u64) {
     let terrain = terrain(90, 65, seed);
     let mut mesh = ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap();
-    let (mut held, mut rebuilt): (BTreeSet<Post>, u64) = (BTreeSet::new(), 0);
+    let (mut held, mut rebuilt, mut most): (BTreeSet<Post>, u64, u64) = (BTreeSet::new(), 0, 2);
     let mut options = Options::default();
     for step in 0..steps {
         if step % 100 == 99 {
@@ -72,6 +76,10 @@ fn follow(steps: u64, seed: u64, every: u64) {
         rebuilt += u64::from(report.work.from_scratch);
         let (max, _) = target.limits().unwrap();
         assert!(mesh.posts_held() <= 64 + 4 * max as usize, "seed {seed}, step {step}: {}", mesh.posts_held());
+        let (operations, bytes) = (report.work.splits + report.work.merges, mesh.memory_bytes());
+        assert!(operations <= most + u64::from(report.triangles), "seed {seed}, step {step}: {operations} operations");
+        assert!(bytes <= 16_384 + 200 * MOST_TRIANGLES, "seed {seed}, step {step}: {bytes} bytes");
+        most = report.triangles.into();
         if step % every != 0 {
             continue;
         }
@@ -223,7 +231,7 @@ fn few_priorities_are_computed_in_a_straight_flight() {
 }
 
 #[test]
-fn meshes_are_the_same_bits_everywhere() {
+fn conformance_meshes_are_the_same_bits_everywhere() {
     let terrain = terrain(129, 129, 12);
     let mut mesh = ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap();
     let mut hash = 0_u64;
@@ -237,7 +245,8 @@ fn meshes_are_the_same_bits_everywhere() {
     assert_eq!(hash, GOLDEN, "{hash:#018x}: meshes or bounds changed, or differ on this machine");
 }
 
-/// Of [`meshes_are_the_same_bits_everywhere`]; a change of terrain, views or priorities changes it.
+/// Of [`conformance_meshes_are_the_same_bits_everywhere`], which runs with the optimiser on, too; a change of terrain,
+/// views or priorities changes it.
 const GOLDEN: u64 = 0x434c_431b_4eca_021b;
 
 #[test]

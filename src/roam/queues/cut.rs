@@ -127,10 +127,12 @@ impl<T: Terrain> DualQueue<T> {
 
     /// Computes the priority of a post, which stays in its list.
     fn evaluate(&mut self, slot: u32) -> List {
-        let (priority, inside) = self.priority(self.nodes.get(slot), Planes::default());
+        let (thickness_m, centre, radius_m) = self.ball(self.nodes.get(slot));
+        let priority = self.camera.priority(thickness_m, centre, radius_m);
+        let priority = priority * self.options.regions.weight(centre, radius_m);
         let look = self.look;
         let node = self.nodes.get_mut(slot);
-        (node.priority, node.inside, node.look) = (priority, inside, look);
+        (node.priority, node.inside, node.look) = (priority, Planes::default(), look);
         let list = node.list();
         self.work.priorities += 1;
         list

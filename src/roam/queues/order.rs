@@ -9,6 +9,10 @@ use super::{
 };
 use crate::terrain::ReadError;
 
+/// How far beyond the cut a queue reaches before all else is put into it, as a factor. Posts further off are seldom
+/// asked for in a frame.
+const REACH: f64 = 7.0 / 8.0;
+
 impl<T: Terrain> DualQueue<T> {
     /// Splits and merges until the mesh is the required posts with the longest prefix of the order that is allowed, or
     /// the cap on operations is reached. The required posts alone must fit.
@@ -50,17 +54,9 @@ impl<T: Terrain> DualQueue<T> {
 
     /// The greatest ready post.
     pub(super) fn first_ready(&mut self) -> Option<Place> {
-        if !self.split_queue.built {
-            let nodes = &self.nodes;
-            let places: Vec<_> = nodes.of(List::hot(Side::Split)).map(|slot| self.place(slot)).collect();
-            self.split_queue.build(places.into_iter());
-        }
         let mut step = GAP;
         loop {
-            while self.split_queue.heap.peek().is_some_and(|&place| !self.holds(place, Side::Split)) {
-                self.split_queue.heap.pop();
-            }
-            let first = self.split_queue.heap.peek().copied();
+            let first = self.first_hot();
             let guard = self.split_guard.value;
             let lower = match first {
                 // Nothing that is put off comes before it.
@@ -75,20 +71,57 @@ impl<T: Terrain> DualQueue<T> {
         }
     }
 
+    /// The greatest hot ready post.
+    fn first_hot(&mut self) -> Option<Place> {
+        loop {
+            let reach = match self.split_queue.reach {
+                Some(reach) => {
+                    while self.split_queue.heap.peek().is_some_and(|&place| !self.holds(place, Side::Split)) {
+                        self.split_queue.heap.pop();
+                    }
+                    let first = self.split_queue.heap.peek().copied();
+                    if first.is_some() || reach == 0.0 {
+                        return first;
+                    }
+                    0.0
+                }
+                None => self.cut * REACH,
+            };
+            let near = self.nodes.of(List::hot(Side::Split)).map(|slot| self.place(slot));
+            let near: Vec<_> = near.filter(|place| place.priority() >= reach).collect();
+            self.split_queue.build(reach, near.into_iter());
+        }
+    }
+
+    /// The least hot active post, if it has a priority of at most `most`; it may also be another one above that, or
+    /// none.
+    fn least_hot(&mut self, most: f64) -> Option<Place> {
+        loop {
+            let reach = match self.merge_queue.reach {
+                Some(reach) => {
+                    while self.merge_queue.heap.peek().is_some_and(|&Reverse(place)| !self.holds(place, Side::Merge)) {
+                        self.merge_queue.heap.pop();
+                    }
+                    let least = self.merge_queue.heap.peek().map(|&Reverse(place)| place);
+                    if least.is_some() || reach >= most {
+                        return least;
+                    }
+                    f64::INFINITY
+                }
+                None => self.cut / REACH,
+            };
+            let near = self.nodes.of(List::hot(Side::Merge)).map(|slot| self.place(slot));
+            let near: Vec<_> = near.filter(|place| place.priority() <= reach).map(Reverse).collect();
+            self.merge_queue.build(reach, near.into_iter());
+        }
+    }
+
     /// The least post that may be merged, if it has a priority of at most `most`; it may also be another one above
     /// that, or none.
     fn least_active(&mut self, most: f64) -> Option<Place> {
-        if !self.merge_queue.built {
-            let nodes = &self.nodes;
-            let places: Vec<_> = nodes.of(List::hot(Side::Merge)).map(|slot| Reverse(self.place(slot))).collect();
-            self.merge_queue.build(places.into_iter());
-        }
         let mut step = GAP;
         loop {
-            while self.merge_queue.heap.peek().is_some_and(|&Reverse(place)| !self.holds(place, Side::Merge)) {
-                self.merge_queue.heap.pop();
-            }
-            let least = self.merge_queue.heap.peek().map(|&Reverse(place)| place);
+            let least = self.least_hot(most);
             let guard = self.merge_guard.value;
             let higher = match least {
                 // All that is put off comes before it.
@@ -107,8 +140,13 @@ impl<T: Terrain> DualQueue<T> {
         self.nodes.put(slot, List::hot(side));
         let place = self.place(slot);
         match side {
-            Side::Split => self.split_queue.push(place),
-            Side::Merge => self.merge_queue.push(Reverse(place)),
+            Side::Split if self.split_queue.reach.is_some_and(|least| place.priority() >= least) => {
+                self.split_queue.heap.push(place);
+            }
+            Side::Merge if self.merge_queue.reach.is_some_and(|most| place.priority() <= most) => {
+                self.merge_queue.heap.push(Reverse(place));
+            }
+            Side::Split | Side::Merge => {}
         }
     }
 

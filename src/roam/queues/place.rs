@@ -31,33 +31,29 @@ impl PartialOrd for Place {
     }
 }
 
-/// A heap that is built when it is first asked.
+/// A heap that is built when it is first asked, of the posts of a side that are near the cut.
 #[derive(Debug)]
 pub(super) struct Heap<P> {
     pub(super) heap: BinaryHeap<P>,
-    pub(super) built: bool,
+    /// The priority up to which, from the side of the cut, all hot posts are in it; `None` before it is built.
+    pub(super) reach: Option<f64>,
 }
 
 impl<P: Ord> Heap<P> {
     pub(super) fn new() -> Self {
-        Self { heap: BinaryHeap::new(), built: false }
+        Self { heap: BinaryHeap::new(), reach: None }
     }
 
     pub(super) fn forget(&mut self) {
         self.heap.clear();
-        self.built = false;
+        self.reach = None;
     }
 
-    pub(super) fn build(&mut self, places: impl Iterator<Item = P>) {
+    /// Makes it anew from all hot posts up to `reach`.
+    pub(super) fn build(&mut self, reach: f64, places: impl Iterator<Item = P>) {
         let mut vec = std::mem::take(&mut self.heap).into_vec();
         vec.clear();
         vec.extend(places);
-        (self.heap, self.built) = (vec.into(), true);
-    }
-
-    pub(super) fn push(&mut self, place: P) {
-        if self.built {
-            self.heap.push(place);
-        }
+        (self.heap, self.reach) = (vec.into(), Some(reach));
     }
 }
