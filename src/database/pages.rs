@@ -82,7 +82,7 @@ pub(super) fn decode_heights(
     Ok(HeightPage::new(samples, voids))
 }
 
-/// The samples of a page of `width` columns, row by row, which is half the time of a first mesh when done post by post.
+/// The samples of a page of `width` columns, row by row: post by post they took half of all instructions of a first mesh.
 fn decode_samples<const N: usize, V: Copy + Default>(
     values: &[u8],
     width: u32,

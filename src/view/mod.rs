@@ -246,7 +246,7 @@ impl Eye {
         (self.distortion_bound(thickness_m, depth - radius_m, horizontal), inside)
     }
 
-    /// [`Eye::priority`] of a ball of which nothing is known; says nothing of planes, which takes half as long.
+    /// [`Eye::priority`] of a ball of which nothing is known, without telling its planes; the same bits.
     fn priority_alone(&self, thickness_m: f64, centre: DVec3, radius_m: f64) -> f64 {
         let offset = centre - self.eye;
         let depth = dot(offset, self.forward);
