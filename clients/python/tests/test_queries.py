@@ -188,6 +188,21 @@ def test_nobody_answers() -> None:
         sightline.connect("127.0.0.1:9", connect_timeout_s=5)
 
 
+def test_a_closed_connection_says_so(running: Server) -> None:
+    closed, other = sightline.connect(running.address), sightline.connect(running.address)
+    pose = sightline.Pose.looking((0, 0, 900), (900, 900, 0))
+    view = closed.view(pose)
+    view.frame()
+    closed.close()
+    closed.close()
+    for call in (closed.terrain, view.frame, lambda: view.steer(pose), view.resume, lambda: closed.view(pose)):
+        with pytest.raises(sightline.ConnectError, match="closed"):
+            call()
+    assert view.scene.mesh.triangle_count > 2, "what was received stays"
+    assert other.terrain().nx == NX
+    other.close()
+
+
 def test_the_same_calls_with_asyncio(running: Server) -> None:
     async def ask() -> tuple[sightline.LineOfSight, sightline.Viewshed]:
         async with await sightline.aio.connect(running.address) as server:

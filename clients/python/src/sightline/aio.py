@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+import weakref
 from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Iterable
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -147,6 +148,8 @@ class Client:
 
     def __init__(self, channel: grpc.aio.Channel, address: str, timeout_s: float, token: str | None) -> None:
         self._channel = channel
+        self._closed = False
+        self._views: weakref.WeakSet[View] = weakref.WeakSet()
         self._metadata = [("authorization", f"Bearer {token}")] if token else []
         self.address = address
         self.timeout_s = timeout_s
@@ -156,7 +159,10 @@ class Client:
         self._scenes = scene_pb2_grpc.SceneServiceStub(channel)  # type: ignore[no-untyped-call]
 
     async def close(self) -> None:
-        """Closes the connection and its views."""
+        """Closes the connection and its views. Calls after it raise :class:`ConnectError`."""
+        self._closed = True
+        for view in list(self._views):
+            await view.close()
         await self._channel.close(None)
 
     async def __aenter__(self) -> Client:
@@ -166,6 +172,8 @@ class Client:
         await self.close()
 
     def _call(self) -> dict[str, Any]:
+        if self._closed:
+            raise ConnectError(f"the connection to {self.address} is closed")
         return {"timeout": self.timeout_s, "metadata": self._metadata}
 
     async def _one(self, call: Awaitable[_T]) -> _T:
@@ -279,7 +287,7 @@ class Client:
                 yield line_of_sight_pb2.StreamLinesOfSightRequest(ids=numbers, lines=lines)
 
         try:
-            async for answer in self._lines.StreamLinesOfSight(asked(), metadata=self._metadata):
+            async for answer in self._lines.StreamLinesOfSight(asked(), **self._call() | {"timeout": None}):
                 yield convert.group(answer)
         except grpc.RpcError as error:
             raise _translated(error, self.address) from None
@@ -433,6 +441,7 @@ class Client:
         """Opens a view of `exercise` (empty: of the terrain alone)."""
         view = View(self, pose, settings or Settings(), exercise)
         await view._open()
+        self._views.add(view)
         return view
 
 
@@ -464,7 +473,7 @@ class View:
         wire = scene_pb2.OpenView(
             exercise=self._exercise, settings=self._settings.to_wire(), pose=self._pose.to_wire()
         )
-        call = self._client._scenes.StreamScene(metadata=self._client._metadata)
+        call = self._client._scenes.StreamScene(**self._client._call() | {"timeout": None})
         self._call, self._pose_sequence, self._lost_place = call, 0, False
         try:
             await asyncio.wait_for(call.write(scene_pb2.StreamSceneRequest(open=wire)), self._client.timeout_s)
@@ -602,7 +611,7 @@ class View:
             try:
                 return await self._open()
             except ConnectError:
-                if time.monotonic() >= deadline:
+                if self._client._closed or time.monotonic() >= deadline:
                     raise
                 await asyncio.sleep(0.1)
 

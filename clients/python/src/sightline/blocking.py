@@ -1,6 +1,6 @@
 """The client for programs without `asyncio`: the calls of :mod:`sightline.aio`, each waiting for its answer.
 
-An event loop of its own runs in a thread for each connection, so this works in notebooks, too, where another loop runs.
+An event loop of its own runs in a thread, so this works in notebooks, too, where another loop runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from . import aio
 from .camera import Pose, Settings
-from .errors import ConnectError, Refused
+from .errors import Refused
 from .scene import Scene
 from .types import Altitude, Frame, LinesOfSight, Precision
 
@@ -26,17 +26,24 @@ R = TypeVar("R")
 
 
 class _Loop:
-    """An event loop in a thread."""
+    """An event loop in a thread, for all connections: grpc polls for one loop a process, and complains of more."""
+
+    _shared: _Loop | None = None
+    _lock = threading.Lock()
 
     def __init__(self) -> None:
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="sightline", daemon=True)
-        self._thread.start()
+        self._loop.set_exception_handler(_unless_grpc_polls)
+        threading.Thread(target=self._loop.run_forever, name="sightline", daemon=True).start()
+
+    @classmethod
+    def shared(cls) -> _Loop:
+        with cls._lock:
+            if cls._shared is None:
+                cls._shared = cls()
+            return cls._shared
 
     def run(self, coroutine: Coroutine[Any, Any, R]) -> R:
-        if self._loop.is_closed():
-            coroutine.close()
-            raise ConnectError("the connection is closed")
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         try:
             return future.result()
@@ -44,11 +51,11 @@ class _Loop:
             future.cancel()  # an interrupt from the keyboard; without effect on a future that is done
             raise
 
-    def stop(self) -> None:
-        if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join()
-            self._loop.close()
+
+def _unless_grpc_polls(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    # Where a program has a loop of its own, too, grpc may find its wake-up already read by the other: harmless.
+    if not isinstance(context.get("exception"), BlockingIOError):
+        loop.default_exception_handler(context)
 
 
 def _client(method: Callable[Concatenate[aio.Client, P], Coroutine[Any, Any, R]]) -> Callable[Concatenate[Client, P], R]:
@@ -75,13 +82,9 @@ def connect(
     `timeout_s` is the deadline of each call but the streams. Raises :class:`ConnectError` when nothing answers, or when
     certificates do not fit.
     """
-    loop = _Loop()
-    try:
-        connecting = aio.connect(address, access=access, timeout_s=timeout_s, connect_timeout_s=connect_timeout_s)
-        return Client(loop, loop.run(connecting))
-    except BaseException:
-        loop.stop()
-        raise
+    loop = _Loop.shared()
+    connecting = aio.connect(address, access=access, timeout_s=timeout_s, connect_timeout_s=connect_timeout_s)
+    return Client(loop, loop.run(connecting))
 
 
 class Client:
@@ -135,11 +138,7 @@ class Client:
 
     def close(self) -> None:
         """Closes the connection and its views."""
-        try:
-            self._loop.run(self._client.close())
-        except ConnectError:
-            return
-        self._loop.stop()
+        self._loop.run(self._client.close())
 
     def __enter__(self) -> Client:
         return self
