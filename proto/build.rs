@@ -4,12 +4,13 @@ use std::{env, error::Error, fs, path::PathBuf};
 
 use prost::Message;
 
-const FILES: [&str; 5] = [
+const FILES: [&str; 6] = [
     "sightline/v1/common.proto",
     "sightline/v1/terrain.proto",
     "sightline/v1/line_of_sight.proto",
     "sightline/v1/exercise.proto",
     "sightline/v1/scene.proto",
+    "sightline/v1/operation.proto",
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -47,6 +47,35 @@ impl SceneService for Puppet {
         let script = self.script.lock().await.take().ok_or_else(|| Status::unavailable("played"))?;
         Ok(Response::new(ReceiverStream::new(script)))
     }
+
+    // The client under test watches nothing.
+
+    type WatchViewsStream = ReceiverStream<Result<v1::WatchViewsResponse, Status>>;
+
+    async fn watch_views(&self, _: Request<v1::WatchViewsRequest>) -> Result<Response<Self::WatchViewsStream>, Status> {
+        Err(Status::unimplemented("watches"))
+    }
+
+    async fn open_watched_view(
+        &self,
+        _: Request<v1::OpenWatchedViewRequest>,
+    ) -> Result<Response<v1::OpenWatchedViewResponse>, Status> {
+        Err(Status::unimplemented("watches"))
+    }
+
+    async fn tell_watched_view(
+        &self,
+        _: Request<v1::TellWatchedViewRequest>,
+    ) -> Result<Response<v1::TellWatchedViewResponse>, Status> {
+        Err(Status::unimplemented("watches"))
+    }
+
+    async fn close_watched_view(
+        &self,
+        _: Request<v1::CloseWatchedViewRequest>,
+    ) -> Result<Response<v1::CloseWatchedViewResponse>, Status> {
+        Err(Status::unimplemented("watches"))
+    }
 }
 
 struct Stage {

@@ -26,7 +26,11 @@
 //! value at its word and is wrong near ties; [`ExactOnly`] does without the filter, slowly; a test may bring its own to
 //! count.
 
-use std::{cmp::Ordering, ops::Neg};
+use std::{
+    cmp::Ordering,
+    ops::Neg,
+    sync::atomic::{self, AtomicU64},
+};
 
 use crate::number::{Dyadic, Interval, Number, whole};
 
@@ -122,8 +126,17 @@ pub struct Exact;
 impl Kernel for Exact {
     #[inline]
     fn unsettled(_estimate: Sign, exact: impl FnOnce() -> Sign) -> Sign {
+        EXACT_SIGNS.fetch_add(1, atomic::Ordering::Relaxed);
         exact()
     }
+}
+
+/// Signs that [`Exact`] had to compute exactly, in this process.
+static EXACT_SIGNS: AtomicU64 = AtomicU64::new(0);
+
+/// How many signs no filter could settle since the process started: what the exact rung costs is seen here.
+pub fn exact_signs() -> u64 {
+    EXACT_SIGNS.load(atomic::Ordering::Relaxed)
 }
 
 /// The filter's rounded value decides, even where it is not certain: wrong near ties, for comparison only.

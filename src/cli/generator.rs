@@ -19,7 +19,11 @@ use sightline_client::{
 };
 use sightline_proto::{replica::ApplyError, v1};
 
-use super::{Failure, pictures};
+use super::{
+    Failure,
+    connect::{connect, failure},
+    pictures,
+};
 use crate::evaluate::{
     flight::{Plan, Preset, Viewpoint},
     record::{FrameRecord, Kind, Record},
@@ -121,14 +125,6 @@ pub(super) struct Flown {
     pub(super) recording_cut: Option<bool>,
 }
 
-/// A refusal by the server, as the command line tells it.
-pub(super) fn failure(error: ClientError) -> Failure {
-    match error {
-        ClientError::Connect { .. } | ClientError::Closed => Failure::Environment(error.to_string()),
-        _ => Failure::Input(error.to_string()),
-    }
-}
-
 /// The runtime of verbs that talk to a server.
 pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
     tokio::runtime::Builder::new_multi_thread()
@@ -139,7 +135,7 @@ pub(super) fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
 
 /// Flies `order`; `tell` gets a record of each frame.
 pub(super) async fn fly(order: &Order, tell: &mut dyn FnMut(Record) -> Result<(), Failure>) -> Result<Flown, Failure> {
-    let client = Client::connect(&order.address).await.map_err(failure)?;
+    let client = connect(&order.address).await?;
     let terrain = client.terrain().await.map_err(failure)?;
     let viewpoints = viewpoints(&client, &terrain, order).await?;
     let mut generator = Generator::open(&client, order, &viewpoints[0]).await?;

@@ -9,6 +9,7 @@ mod say;
 
 pub mod args;
 mod check;
+mod connect;
 mod consistency;
 mod demo;
 mod fly;
@@ -25,6 +26,7 @@ mod plot;
 mod profile;
 mod progress;
 mod serve;
+mod status;
 mod table;
 mod verify;
 mod view;
@@ -74,6 +76,7 @@ enum Verb {
     Height(height::Args),
     Matrix(matrix::Args),
     Serve(serve::Args),
+    Status(status::Args),
     View(view::Args),
     Consistency(consistency::Args),
     Demo(demo::Args),
@@ -152,6 +155,7 @@ impl Verb {
             Self::Height(args) => args.run(context),
             Self::Matrix(args) => args.run(context),
             Self::Serve(args) => args.run(context),
+            Self::Status(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),
             Self::Demo(args) => args.run(context),

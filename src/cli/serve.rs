@@ -12,39 +12,100 @@ use tokio::net::TcpListener;
 use tracing_subscriber::EnvFilter;
 
 use super::{Context, Failure, info};
-use crate::service;
+use crate::service::{
+    self, Options, Tls, Tokens,
+    config::{Config, LogLayout},
+};
 
-/// Serve a database: lines of sight, exercises and scene streams over gRPC.
+/// Serve a database: lines of sight, exercises and scene streams over gRPC, gRPC-Web and pages on one port.
 ///
-/// Ctrl-C or SIGTERM stops it: health says NOT_SERVING, views are closed, calls under way get some seconds to end.
+/// A setting is taken from its flag, else from the environment (SIGHTLINE__LIMITS__VIEWS for `limits.views`), else from
+/// the file of --config, else it has its default; --print-config shows the outcome. Ctrl-C or SIGTERM stops the server:
+/// health says NOT_SERVING, views are closed, calls under way get some seconds to end.
 #[derive(clap::Args, Debug)]
 pub(super) struct Args {
     /// The database.
-    #[arg(value_name = "DB")]
-    database: PathBuf,
-    /// The address to listen on; port 0 takes any free one.
-    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:7410")]
-    listen: String,
+    #[arg(value_name = "DB", required_unless_present = "print_config")]
+    database: Option<PathBuf>,
+    /// The address to listen on; port 0 takes any free one [default: 127.0.0.1:7410].
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// A file of settings, TOML.
+    #[arg(long, value_name = "F")]
+    config: Option<PathBuf>,
+    /// Print all settings as they are, in the form of such a file, and stop.
+    #[arg(long)]
+    print_config: bool,
 }
 
 impl Args {
+    fn settings(&self) -> Result<Config, Failure> {
+        let read =
+            |path: &PathBuf| std::fs::read_to_string(path).map_err(|error| Failure::input(path.display(), error));
+        let text = self.config.as_ref().map(read).transpose()?;
+        let environment = std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value)));
+        let environment = environment.map(|(name, value)| (name, value.to_string_lossy().into_owned()));
+        let source = self.config.as_ref().map_or("settings".into(), |path| path.display().to_string());
+        let mut config = Config::read(text.as_deref(), environment).map_err(|error| Failure::input(source, error))?;
+        if let Some(listen) = &self.listen {
+            config.listen.clone_from(listen);
+        }
+        Ok(config)
+    }
+
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
-        start_log(context);
-        let database = Arc::new(info::open(&self.database)?);
+        let config = self.settings()?;
+        if self.print_config {
+            out!("{}", config.print().map_err(Failure::Input)?);
+            return Ok(());
+        }
+        let path = self.database.as_ref().ok_or_else(|| Failure::Usage("a database is needed".into()))?;
+        start_log(context, config.log);
+        let options = options(&config)?;
+        let is_secured = options.tls.is_some();
+        let database = Arc::new(info::open(path)?);
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
         let runtime = runtime.map_err(|error| Failure::environment("starting threads", error))?;
         runtime.block_on(async {
-            let (listener, address) = bind(&self.listen).await?;
+            let (listener, address) = bind(&config.listen).await?;
+            if !address.ip().is_loopback() && (!is_secured || options.tokens.is_none()) {
+                tracing::warn!(%address, "others reach this server, and it has no certificate or no tokens");
+            }
             let stop = stop_signal()?;
             if context.json {
                 outln!("{}", json!({ "address": address.to_string() }));
             } else {
-                outln!("serving {} on {address}", self.database.display());
+                outln!("serving {} on {address}", path.display());
             }
-            let served = service::serve(listener, database, stop).await;
+            let served = service::serve_with(listener, database, options, stop).await;
             served.map_err(|error| Failure::environment("serving", error))
         })
     }
+}
+
+/// What the files of the settings hold.
+fn options(config: &Config) -> Result<Options, Failure> {
+    let read = |path: &String| std::fs::read(path).map_err(|error| Failure::input(path, error));
+    let some = |path: &String| if path.is_empty() { Ok(None) } else { read(path).map(Some) };
+    let tls = match (some(&config.tls.certificate)?, some(&config.tls.key)?) {
+        (Some(certificate), Some(key)) => {
+            Some(Tls { certificate, key, client_authorities: some(&config.tls.client_authorities)? })
+        }
+        _ => None,
+    };
+    let tokens = match &config.access.tokens {
+        path if path.is_empty() => None,
+        path => {
+            let text = std::fs::read_to_string(path).map_err(|error| Failure::input(path, error))?;
+            // The parser's words would show the line, and with it a secret.
+            let tokens: Tokens =
+                toml::from_str(&text).map_err(|error: toml::de::Error| Failure::input(path, error.message()))?;
+            tokens.check().map_err(|error| Failure::input(path, error))?;
+            Some(tokens)
+        }
+    };
+    let draining_time = std::time::Duration::from_secs_f64(config.draining_s);
+    Ok(Options { limits: config.limits, tokens, tls, draining_time, ..Options::default() })
 }
 
 /// Opens the listening socket, and says what address it has.
@@ -85,10 +146,13 @@ pub(super) fn stop_signal() -> Result<impl Future<Output = ()> + Send + 'static,
 }
 
 /// Sends the log to standard error; `RUST_LOG` chooses what is in it.
-pub(super) fn start_log(context: &Context) {
+fn start_log(context: &Context, layout: LogLayout) {
     let default = if context.quiet { "warn" } else { "info" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(default));
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(stderr).with_ansi(stderr().is_terminal());
     // Only one log a process: a second is the first one's.
-    let _ = log.try_init();
+    let _ = match layout {
+        LogLayout::Text => log.try_init(),
+        LogLayout::Json => log.json().flatten_event(true).try_init(),
+    };
 }

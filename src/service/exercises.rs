@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sightline_proto::v1::{self, exercise_service_server::ExerciseService};
 use tonic::{Request, Response, Status};
 
-use super::{ServedTerrain, Service, Shared, convert, status::IntoStatus};
+use super::{ServedTerrain, Service, Shared, convert, limits::limited, status::IntoStatus};
 use crate::{
     exercise::{Change, Exercise},
     store::{StoreError, Stored},
@@ -79,6 +79,10 @@ fn changed<T: ServedTerrain>(shared: &Shared<T>, name: &str, change: &Change) ->
         let before = shared.store.get(name).map_err(IntoStatus::into_status)?;
         let after = before.exercise.changed(change, &shared.site, &*shared.terrain);
         let after = after.map_err(IntoStatus::into_status)?;
+        let (things, limit) = (after.entities().len() + after.sight_lines().len(), shared.limits.things_per_exercise);
+        if things > limit {
+            return Err(limited("things_per_exercise", "entities and sight lines", things as u64, limit as u64));
+        }
         match shared.store.replace(before.revision, after) {
             Err(StoreError::Conflict(_)) => {}
             result => return result.map_err(IntoStatus::into_status),

@@ -1,41 +1,64 @@
-//! The gRPC services: conversion, limits, status codes. The only module with sockets beside `cli`.
+//! The server: gRPC, gRPC-Web and pages on one port; conversion, limits, status codes, health, metrics. The only module
+//! with sockets beside `cli`.
 //!
-//! Network threads only pass messages on: what computes or reads runs on blocking threads, at most
-//! `Shared::compute` at a time, and many lines at once on rayon's pool. A view is one task that owns one
+//! A call passes `connections` (counted), `admission` (its id, its caller's rights and rate), then its service.
+//! Network threads only pass messages on: what computes or reads runs on blocking threads, in `turns`, and many lines at
+//! once on rayon's pool. A view is one task that owns one
 //! [`crate::session::View`] and hands frames over one at a time, so a slow client holds one frame and no queue.
 //! Nothing here decides anything about terrain, exercises or meshes.
 
+mod access;
+mod admission;
+pub mod config;
+mod connections;
 mod convert;
 mod exercises;
+mod health;
+mod limits;
 mod lines_of_sight;
+mod operation;
+mod pages;
 mod scenes;
+mod serve;
 mod status;
+mod telemetry;
 mod terrains;
+mod turns;
+mod views;
 mod wanted;
+mod watches;
 
-use std::{future::Future, io, sync::Arc, thread, time::Duration};
-
-use sightline_proto::v1::{
-    self, exercise_service_server::ExerciseServiceServer, line_of_sight_service_server::LineOfSightServiceServer,
-    scene_service_server::SceneServiceServer, terrain_service_server::TerrainServiceServer,
-};
-use thiserror::Error;
-use tokio::{
-    net::TcpListener,
-    sync::{Mutex, Semaphore, watch},
-    time::timeout,
-};
-use tonic::{
-    Status,
-    transport::{Server, server::TcpIncoming},
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    thread,
+    time::{Duration, Instant},
 };
 
+use sightline_proto::v1;
+use tokio::sync::{Mutex, Semaphore, watch};
+use tonic::Status;
+
+pub use access::{MAX_TOKENS, MIN_SECRET_BYTES, Role, Token, Tokens};
+pub use health::MAX_QUEUE_AGE;
+pub use limits::Limits;
+pub use serve::{Options, ServeError, Tls, serve, serve_with};
+
+use self::{
+    health::Health,
+    limits::Accounts,
+    telemetry::{Metrics, Moment},
+    turns::Turns,
+    watches::Watches,
+};
 use crate::{
     database::Database,
     exercise::Site,
     roam::Terrain,
     session::{Details, describe},
-    store::{ExerciseStore, MemoryStore},
+    store::ExerciseStore,
     terrain::{HeightField, Posts, ReadError},
     wedgie::MemoryTerrain,
 };
@@ -126,23 +149,6 @@ fn survey(field: &impl HeightField) -> Result<Details, ReadError> {
     Ok(details)
 }
 
-/// Why a server could not be run.
-#[derive(Debug, Error)]
-pub enum ServeError {
-    /// The terrain cannot be read.
-    #[error(transparent)]
-    Read(#[from] ReadError),
-    /// The listener.
-    #[error("the listening socket: {0}")]
-    Listener(#[from] io::Error),
-    /// The transport.
-    #[error("the server's transport: {0}")]
-    Transport(#[from] tonic::transport::Error),
-    /// The reflection service.
-    #[error("the reflection service: {0}")]
-    Reflection(String),
-}
-
 /// What the services of one server share.
 struct Shared<T> {
     terrain: Arc<T>,
@@ -153,19 +159,31 @@ struct Shared<T> {
     changing: Mutex<()>,
     /// Counts changes of exercises: views look again when it moves.
     changes: watch::Sender<u64>,
-    /// Permits for work off the network threads.
-    compute: Arc<Semaphore>,
+    /// Work off the network threads.
+    turns: Turns,
     /// Permits for streams of answers.
     answering: Arc<Semaphore>,
     limits: Limits,
-    /// Permits for views.
-    views: Arc<Semaphore>,
+    accounts: Arc<Accounts>,
+    tokens: Option<Tokens>,
+    watches: Watches,
+    metrics: Arc<Metrics>,
+    health: Health,
+    started: Instant,
+    /// Calls so far, for their ids.
+    calls: AtomicU64,
     /// Becomes true when the server is to stop.
     stopping: watch::Receiver<bool>,
 }
 
 impl<T: ServedTerrain> Shared<T> {
-    fn new(terrain: Arc<T>, limits: Limits, stopping: watch::Receiver<bool>) -> Result<Self, ReadError> {
+    fn new(
+        terrain: Arc<T>,
+        limits: Limits,
+        tokens: Option<Tokens>,
+        store: Box<dyn ExerciseStore>,
+        stopping: watch::Receiver<bool>,
+    ) -> Result<Self, ReadError> {
         let (site, details) = (terrain.site(), terrain.details()?);
         let description = describe(&*terrain, &site, &details)?;
         let threads = thread::available_parallelism().map_or(2, usize::from);
@@ -173,27 +191,52 @@ impl<T: ServedTerrain> Shared<T> {
             terrain,
             site,
             description,
-            store: Box::new(MemoryStore::default()),
+            store,
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
-            compute: Arc::new(Semaphore::new(threads)),
+            turns: Turns::new(threads),
             answering: Arc::new(Semaphore::new(MAX_ANSWERING)),
             limits,
-            views: Arc::new(Semaphore::new(limits.views)),
+            accounts: Accounts::new(limits),
+            tokens,
+            watches: Watches::default(),
+            metrics: Metrics::new(),
+            health: Health::default(),
+            started: Instant::now(),
+            calls: AtomicU64::new(0),
             stopping,
         })
     }
 
     /// Runs `work` off the network threads, when its turn comes.
     async fn run<R: Send + 'static>(&self, work: impl FnOnce() -> R + Send + 'static) -> Result<R, Status> {
-        let turn = Arc::clone(&self.compute).acquire_owned().await;
-        let turn = turn.map_err(|_| Status::unavailable("the server is stopping"))?;
-        let done = tokio::task::spawn_blocking(move || {
-            let result = work();
-            drop(turn);
-            result
-        });
-        done.await.map_err(|_| Status::internal(DEFECT))
+        self.turns.run(work).await
+    }
+
+    /// What is wrong with the server.
+    fn troubles(&self) -> Vec<String> {
+        self.health.troubles(self.turns.queue().0)
+    }
+
+    /// What is there just now. Reads the store.
+    fn moment(&self) -> Moment {
+        let (views, triangles) = self.accounts.used();
+        let (queue_age, queue_length) = self.turns.queue();
+        Moment {
+            views,
+            triangles,
+            exercises: self.store.list().map_or(0, |exercises| exercises.len() as u64),
+            queue_age,
+            queue_length,
+            is_serving: self.troubles().is_empty(),
+        }
+    }
+}
+
+impl<T> Shared<T> {
+    /// An id for a call that brought none.
+    fn next_id(&self) -> String {
+        format!("{:08x}", self.calls.fetch_add(1, Ordering::Relaxed))
     }
 }
 
@@ -206,89 +249,10 @@ impl<T> Clone for Service<T> {
     }
 }
 
-/// What a server allows all its clients together.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub struct Limits {
-    /// Views at the same time.
-    pub views: usize,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self { views: MAX_VIEWS }
-    }
-}
-
-/// [`serve_with`] the default limits.
-pub async fn serve<T: ServedTerrain>(
-    listener: TcpListener,
-    terrain: Arc<T>,
-    shutdown: impl Future<Output = ()> + Send + 'static,
-) -> Result<(), ServeError> {
-    serve_with(listener, terrain, Limits::default(), shutdown).await
-}
-
-/// Serves `terrain` on `listener` until `shutdown` comes; then health says NOT_SERVING, views are told to go, calls
-/// under way get some seconds to end, and the function returns.
-pub async fn serve_with<T: ServedTerrain>(
-    listener: TcpListener,
-    terrain: Arc<T>,
-    limits: Limits,
-    shutdown: impl Future<Output = ()> + Send + 'static,
-) -> Result<(), ServeError> {
-    let (stop, stopping) = watch::channel(false);
-    let shared = tokio::task::spawn_blocking({
-        let stopping = stopping.clone();
-        move || Shared::new(terrain, limits, stopping)
-    });
-    let shared = shared.await.map_err(|error| io::Error::other(error.to_string()))??;
-    let service = Service(Arc::new(shared));
-    let (health, health_service) = tonic_health::server::health_reporter();
-    for name in SERVICE_NAMES {
-        health.set_service_status(name, tonic_health::ServingStatus::Serving).await;
-    }
-    let reflection = tonic_reflection::server::Builder::configure()
-        .register_encoded_file_descriptor_set(v1::DESCRIPTORS)
-        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-        .build_v1()
-        .map_err(|error| ServeError::Reflection(error.to_string()))?;
-    let limit = MAX_REQUEST_BYTES;
-    let router = Server::builder()
-        .http2_keepalive_interval(Some(KEEPALIVE_TIME))
-        .http2_keepalive_timeout(Some(KEEPALIVE_TIME))
-        .add_service(health_service)
-        .add_service(reflection)
-        .add_service(TerrainServiceServer::new(service.clone()).max_decoding_message_size(limit))
-        .add_service(LineOfSightServiceServer::new(service.clone()).max_decoding_message_size(limit))
-        .add_service(ExerciseServiceServer::new(service.clone()).max_decoding_message_size(limit))
-        .add_service(SceneServiceServer::new(service).max_decoding_message_size(limit));
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
-    let told = async move {
-        shutdown.await;
-        tracing::info!("stopping");
-        for name in SERVICE_NAMES {
-            health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
-        }
-        let _ = stop.send(true);
-    };
-    let served = router.serve_with_incoming_shutdown(incoming, told);
-    tokio::pin!(served);
-    let mut stopping = stopping;
-    tokio::select! {
-        result = &mut served => result?,
-        () = stopped(&mut stopping) => {
-            // A client that holds its connection open may not keep the server.
-            if let Ok(result) = timeout(DRAINING_TIME, served).await {
-                result?;
-            }
-        }
-    }
-    Ok(())
-}
-
 /// The services whose health is told, and the empty name that stands for the server.
-const SERVICE_NAMES: [&str; 5] = [
+const SERVICE_NAMES: [&str; 6] = [
     "",
+    "sightline.v1.OperationService",
     "sightline.v1.TerrainService",
     "sightline.v1.LineOfSightService",
     "sightline.v1.ExerciseService",

@@ -67,6 +67,7 @@ impl IntoStatus for StoreError {
             Self::NotFound(_) => Status::not_found(text),
             Self::Conflict(_) => Status::aborted(text),
             Self::Full => Status::resource_exhausted(text),
+            Self::Failed(_) => Status::unavailable(text),
         }
     }
 }

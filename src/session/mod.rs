@@ -6,6 +6,7 @@
 
 mod describe;
 mod frame_time;
+mod pace;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -24,6 +25,7 @@ use thiserror::Error;
 
 pub use describe::{Details, describe};
 pub use frame_time::FrameTime;
+pub use pace::{MAX_RATE_HZ, MIN_BYTES_PER_S, Pacer};
 pub use settings::{MAX_SUBSCRIBED_IDS, MAX_TRIANGLES, MIN_TRIANGLES, Pose, Settings, SettingsError, Subscription};
 
 use crate::{
@@ -39,6 +41,7 @@ pub const MAX_UNACKNOWLEDGED: u64 = 3;
 
 /// What a view is told.
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "one at a time, and most are the large one")]
 pub enum Event {
     /// A pose, an acknowledgement, new settings, or some of these.
     Steer(v1::SteerView),
@@ -245,6 +248,8 @@ impl<T: Terrain> View<T> {
             mesh_hash: mesh.hash(),
             now_unsatisfied: unsatisfied.difference(&before).map(|&id| unsatisfied_line(id)).collect(),
             no_longer_unsatisfied: before.difference(&unsatisfied).copied().collect(),
+            // Told by whoever sends it.
+            held_back_ms: 0,
         };
         let update = self.exercise_update();
         (self.sent, self.unsatisfied) = (mesh, unsatisfied);

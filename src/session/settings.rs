@@ -6,7 +6,7 @@ use glam::{DQuat, DVec2, DVec3};
 use sightline_proto::v1;
 use thiserror::Error;
 
-use super::FrameTime;
+use super::{FrameTime, MAX_RATE_HZ, MIN_BYTES_PER_S};
 use crate::{
     roam::{Options, Region, Regions, RegionsError, Target},
     view::{Camera, CameraError, Projection},
@@ -38,6 +38,12 @@ pub enum SettingsError {
     /// A time that no frame takes.
     #[error("{0} is {1} ms; it must be finite and above 0 (a report of 0 says nothing)")]
     Milliseconds(&'static str, f64),
+    /// A rate of frames that no view has.
+    #[error("pace.max_rate_hz is {0}; it must be from 0 (on every change) to {MAX_RATE_HZ}")]
+    Rate(f64),
+    /// A bandwidth in which no frame would ever come.
+    #[error("pace.max_bytes_per_s is {0}; it must be 0 (no limit) or at least {MIN_BYTES_PER_S}")]
+    Bandwidth(u64),
     /// The camera.
     #[error(transparent)]
     Camera(#[from] CameraError),

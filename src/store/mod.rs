@@ -41,6 +41,9 @@ pub enum StoreError {
     /// There are too many.
     #[error("the store holds {MAX_EXERCISES} exercises, which is the limit; delete one")]
     Full,
+    /// What lies under the store could not be written or read; nothing has changed.
+    #[error("the store of exercises: {0}")]
+    Failed(String),
 }
 
 /// Keeps exercises.
@@ -59,6 +62,11 @@ pub trait ExerciseStore: Send + Sync {
 
     /// Forgets an exercise.
     fn delete(&self, name: &str) -> Result<(), StoreError>;
+
+    /// Whether it could be written now.
+    fn probe(&self) -> Result<(), StoreError> {
+        Ok(())
+    }
 }
 
 /// Keeps exercises in memory: they end with the process.

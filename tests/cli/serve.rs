@@ -84,3 +84,37 @@ fn signals_stop_it_in_order() {
         assert_eq!(server.0.wait().unwrap().code(), Some(0), "{signal}");
     }
 }
+
+#[test]
+fn settings_come_from_flags_then_the_environment_then_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("sightline.toml");
+    fs::write(&file, "listen = \"127.0.0.1:1\"\n[limits]\nviews = 7\ntriangles = 900\n").unwrap();
+    let print = |flags: &[&str]| {
+        let mut command = program();
+        command.args(["serve", "--print-config", "--config"]).arg(&file).args(flags);
+        command.env("SIGHTLINE__LIMITS__VIEWS", "8").env("SIGHTLINE__LISTEN", "127.0.0.1:2").output().unwrap()
+    };
+    for (flags, listen) in [(&[][..], "127.0.0.1:2"), (&["--listen", "127.0.0.1:3"], "127.0.0.1:3")] {
+        let output = print(flags);
+        let text = String::from_utf8(output.stdout).unwrap();
+        for line in [&format!("listen = \"{listen}\""), "views = 8", "triangles = 900", "batch_lines = 250000"] {
+            assert!(text.lines().any(|found| found == line), "{line} in {text}");
+        }
+    }
+    fs::write(&file, "[limits]\nveiws = 7\n").unwrap();
+    let output = print(&[]);
+    assert_eq!(output.status.code(), Some(3));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("veiws"));
+}
+
+#[test]
+fn status_tells_the_essentials() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_server, address) = Server::start(&database(folder.path()));
+    let output = sightline(&["status", &address, "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&status["serving"], &status["limits"]["views"]["limit"]), (&true.into(), &1_000.into()));
+    assert_eq!(sightline(&["status", "127.0.0.1:1"]).status.code(), Some(4));
+}

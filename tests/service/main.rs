@@ -1,6 +1,9 @@
 //! The server as clients meet it: really started, on a loopback port.
 
+mod access;
+mod faults;
 mod lines;
+mod port;
 mod resume;
 
 use std::{
@@ -14,7 +17,7 @@ use std::{
 use sightline::{
     exercise::Site,
     los::{self, Options},
-    service::{self, Limits, MAX_BATCH_LINES, MAX_STREAM_LINES, ServedTerrain},
+    service::{self, Limits, MAX_BATCH_LINES, MAX_STREAM_LINES, Options as ServeOptions, ServedTerrain},
     session::Details,
     terrain::{Georeference, Grid, HeightField, HeightPage, PageId, ReadError, SceneScale, synthetic},
     wedgie::{DiamondBounds, ErrorBounds, MemoryTerrain},
@@ -98,13 +101,17 @@ struct Running {
 
 impl Running {
     async fn start(terrain: Arc<TestTerrain>, limits: Limits) -> Self {
+        Self::start_with(terrain, ServeOptions { limits, ..ServeOptions::default() }).await
+    }
+
+    async fn start_with(terrain: Arc<TestTerrain>, options: ServeOptions) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap().to_string();
         let (stop, stopped) = oneshot::channel();
         let shutdown = async move {
             let _ = stopped.await;
         };
-        let done = tokio::spawn(service::serve_with(listener, terrain, limits, shutdown));
+        let done = tokio::spawn(service::serve_with(listener, terrain, options, shutdown));
         Self { address, stop, done }
     }
 
@@ -286,7 +293,7 @@ async fn bad_queries(client: &Client, good: v1::QueryLineOfSightBatchRequest) {
     let many = v1::QueryLineOfSightBatchRequest { ax, ay, az, bx, by, bz, ..Default::default() };
     refusal(client.query_batch(many.clone()).await, Code::ResourceExhausted, "250000");
     let vast = v1::QueryLineOfSightBatchRequest { ax: vec![0.0; 3 << 20], ..many };
-    refusal(client.query_batch(vast).await, Code::OutOfRange, "too large");
+    refusal(client.query_batch(vast).await, Code::ResourceExhausted, "limits.request_bytes");
     let infinite =
         v1::QueryLineOfSightRequest { a: end(1.0, f64::INFINITY, 1.0), b: end(1.0, 1.0, 1.0), ..Default::default() };
     refusal(client.query(infinite).await, Code::InvalidArgument, "finite");
@@ -446,7 +453,8 @@ fn wish(request: Wish) -> v1::StreamSceneRequest {
 async fn a_client_that_acknowledges_nothing_gets_three_frames() {
     let (running, _client) = started().await;
     let (sender, call) = raw_stream(&running.address).await;
-    let open = v1::OpenView { exercise: String::new(), settings: Some(settings(500)), pose: Some(pose(0.0, 0.0)) };
+    let open =
+        v1::OpenView { exercise: String::new(), settings: Some(settings(500)), pose: Some(pose(0.0, 0.0)), pace: None };
     sender.send(wish(Wish::Open(open.clone()))).await.unwrap();
     let mut stream = call.await.unwrap().unwrap();
     let mut frames = 0;
@@ -499,7 +507,7 @@ async fn a_stream_must_begin_with_an_opening() {
 
 #[tokio::test]
 async fn a_client_that_vanishes_frees_its_view() {
-    let running = Running::start(TestTerrain::new(None), Limits { views: 2 }).await;
+    let running = Running::start(TestTerrain::new(None), Limits { views: 2, ..Limits::default() }).await;
     let client = running.client().await;
     let first = client.open_view("", settings(100), pose(1.0, 1.0)).await.unwrap();
     let mut second = client.open_view("", settings(100), pose(1.0, 1.0)).await.unwrap();

@@ -32,6 +32,7 @@
 //! # }
 //! ```
 
+mod access;
 pub mod buffers;
 mod lines;
 pub mod morph;
@@ -41,11 +42,18 @@ mod view;
 
 use sightline_proto::v1::{
     exercise_service_client::ExerciseServiceClient, line_of_sight_service_client::LineOfSightServiceClient,
-    scene_service_client::SceneServiceClient, terrain_service_client::TerrainServiceClient,
+    operation_service_client::OperationServiceClient, scene_service_client::SceneServiceClient,
+    terrain_service_client::TerrainServiceClient,
 };
 use thiserror::Error;
-use tonic::transport::{Channel, Endpoint};
+use tonic::{
+    service::interceptor::InterceptedService,
+    transport::{Channel, Endpoint},
+};
 
+use access::Bearer;
+
+pub use access::Access;
 pub use lines::{LineStream, Tiles};
 pub use sightline_proto::v1;
 pub use view::{Event, View};
@@ -66,7 +74,10 @@ pub enum ClientError {
     },
     /// The server refused.
     #[error("{:?}: {}", .0.code(), .0.message())]
-    Refused(#[from] tonic::Status),
+    Refused(tonic::Status),
+    /// Certificates do not fit: the server's, or this client's.
+    #[error("{0}")]
+    Certificate(String),
     /// The server said something that the protocol does not allow.
     #[error("the server broke the protocol: {0}")]
     Protocol(&'static str),
@@ -89,23 +100,49 @@ pub struct BatchAnswers {
     pub certain: Vec<bool>,
 }
 
+impl From<tonic::Status> for ClientError {
+    fn from(status: tonic::Status) -> Self {
+        access::explain(&status).map_or_else(|| Self::Refused(status), Self::Certificate)
+    }
+}
+
 /// A connection to a server. Cheap to clone; clones share it.
 #[derive(Clone, Debug)]
 pub struct Client {
     channel: Channel,
+    bearer: Bearer,
 }
+
+/// The channel, with the client's token added to each call.
+type Secured = InterceptedService<Channel, Bearer>;
 
 impl Client {
     /// Connects to `address`, for example `http://127.0.0.1:7410`; without a scheme, `http://` is meant.
     pub async fn connect(address: &str) -> Result<Self, ClientError> {
+        Self::connect_with(address, &Access::default()).await
+    }
+
+    /// Connects to `address`, which begins with `https://` for TLS, with certificates and a token.
+    pub async fn connect_with(address: &str, access: &Access) -> Result<Self, ClientError> {
         let failed = |error: &dyn std::error::Error| ClientError::Connect {
             address: address.to_owned(),
-            reason: error.source().map_or_else(|| error.to_string(), |source| format!("{error}: {source}")),
+            reason: access::reason(error),
         };
         let uri = if address.contains("://") { address.to_owned() } else { format!("http://{address}") };
-        let endpoint = Endpoint::from_shared(uri).map_err(|error| failed(&error))?.tcp_nodelay(true);
+        let is_secured = uri.starts_with("https://");
+        let mut endpoint = Endpoint::from_shared(uri).map_err(|error| failed(&error))?.tcp_nodelay(true);
+        if is_secured {
+            endpoint = endpoint.tls_config(access.tls()).map_err(|error| failed(&error))?;
+        }
+        let bearer = Bearer::new(access.token.as_deref())?;
         let channel = endpoint.connect().await.map_err(|error| failed(&error))?;
-        Ok(Self { channel })
+        Ok(Self { channel, bearer })
+    }
+
+    /// How the server is.
+    pub async fn status(&self) -> Result<v1::GetStatusResponse, ClientError> {
+        let mut operation = OperationServiceClient::new(self.secured());
+        Ok(operation.get_status(v1::GetStatusRequest {}).await?.into_inner())
     }
 
     /// The terrain that the server holds.
@@ -178,20 +215,25 @@ impl Client {
         settings: v1::ViewSettings,
         pose: v1::Pose,
     ) -> Result<View, ClientError> {
-        let open = v1::OpenView { exercise: exercise.to_owned(), settings: Some(settings), pose: Some(pose) };
-        let scenes = SceneServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES);
+        let open =
+            v1::OpenView { exercise: exercise.to_owned(), settings: Some(settings), pose: Some(pose), pace: None };
+        let scenes = SceneServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES);
         View::open(scenes, open).await
     }
 
-    fn terrains(&self) -> TerrainServiceClient<Channel> {
-        TerrainServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
+    fn secured(&self) -> Secured {
+        InterceptedService::new(self.channel.clone(), self.bearer.clone())
     }
 
-    fn lines(&self) -> LineOfSightServiceClient<Channel> {
-        LineOfSightServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
+    fn terrains(&self) -> TerrainServiceClient<Secured> {
+        TerrainServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES)
     }
 
-    fn exercises(&self) -> ExerciseServiceClient<Channel> {
-        ExerciseServiceClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE_BYTES)
+    fn lines(&self) -> LineOfSightServiceClient<Secured> {
+        LineOfSightServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES)
+    }
+
+    fn exercises(&self) -> ExerciseServiceClient<Secured> {
+        ExerciseServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES)
     }
 }

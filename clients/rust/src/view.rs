@@ -6,7 +6,7 @@ use sightline_proto::v1::{
 };
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::{Streaming, transport::Channel};
+use tonic::Streaming;
 
 use crate::{
     ClientError,
@@ -48,7 +48,10 @@ pub struct View {
 }
 
 impl View {
-    pub(crate) async fn open(mut scenes: SceneServiceClient<Channel>, open: v1::OpenView) -> Result<Self, ClientError> {
+    pub(crate) async fn open(
+        mut scenes: SceneServiceClient<crate::Secured>,
+        open: v1::OpenView,
+    ) -> Result<Self, ClientError> {
         let max_triangles = open.settings.as_ref().map_or(0, max_triangles);
         let with_lines = !open.exercise.is_empty();
         let (outbox, requests) = mpsc::channel(OUTBOX);
@@ -152,7 +155,7 @@ impl View {
     fn steering(&self, pose: Option<v1::Pose>, settings: Option<v1::ViewSettings>) -> Request {
         let (pose_sequence, applied_sequence) = (self.pose_sequence, self.scene.replica().sequence());
         let frame_time_ms = if pose.is_some() { self.frame_time_ms } else { 0.0 };
-        Request::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings, frame_time_ms })
+        Request::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings, frame_time_ms, pace: None })
     }
 
     /// Asks for a snapshot that is due.

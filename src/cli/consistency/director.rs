@@ -2,7 +2,7 @@
 
 use sightline_client::{Client, v1};
 
-use super::super::{Failure, generator::failure};
+use super::super::{Failure, connect::failure};
 use crate::evaluate::scenario::{Anchor, Scenario};
 
 /// Directs one exercise.

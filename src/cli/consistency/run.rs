@@ -7,14 +7,13 @@ use std::{collections::BTreeMap, path::PathBuf, sync::Arc, time::Instant};
 
 use glam::{DQuat, DVec3};
 use serde::Serialize;
-use sightline_client::Client;
 use sightline_proto::v1;
 use tokio::sync::mpsc;
 
 use super::{
     super::{
-        Failure,
-        generator::{self, FlightOrder, NEAR_M, Order, PictureOrder, Wishes},
+        Failure, connect,
+        generator::{FlightOrder, NEAR_M, Order, PictureOrder, Wishes},
     },
     director::{Director, tick_of},
     worker::{self, Word},
@@ -127,8 +126,8 @@ pub(in super::super) fn run(
     let scenario = scenario::choose(wish, theatre, database.scale(), &meshes, &mut oracle).map_err(truth_failed)?;
     drop(meshes);
     show(Happening::Step("registering the exercise"));
-    let client = runtime.block_on(Client::connect(address)).map_err(generator::failure)?;
-    same_terrain(&runtime.block_on(client.terrain()).map_err(generator::failure)?, database)?;
+    let client = runtime.block_on(connect::connect(address))?;
+    same_terrain(&runtime.block_on(client.terrain()).map_err(connect::failure)?, database)?;
     let director = runtime.block_on(Director::begin(client, &plan.exercise, scenario.clone()))?;
     let names = plan.clients.iter().map(|c| (c.name.clone(), c.triangles));
     let run = Run {

@@ -7,7 +7,7 @@ use sightline_client::{Client, ClientError, v1};
 
 use super::more::More;
 use crate::{
-    cli::{Failure, args::EarthShape, info},
+    cli::{Failure, args::EarthShape, connect, info},
     database::Database,
     exercise::{Altitude, Frame, Place, PlaceError, Site},
     los::{self, Derived, Earth, Lines, LosError, Options, Precision, Verdict},
@@ -84,7 +84,7 @@ impl Asker {
             .enable_all()
             .build()
             .map_err(|error| Failure::environment("starting the network", error))?;
-        let client = runtime.block_on(Client::connect(target)).map_err(client_failure)?;
+        let client = runtime.block_on(connect::connect(target))?;
         Ok(Self::Server(client, runtime))
     }
 

@@ -74,7 +74,9 @@ impl Batch {
     ) -> Result<(), Status> {
         for first in (0..self.len()).step_by(CHUNK_LINES) {
             let lines = first..self.len().min(first + CHUNK_LINES);
-            send(sender, wanted, self.answer(lines, &*shared.terrain, &shared.site, wanted)?)?;
+            let answers = self.answer(lines, &*shared.terrain, &shared.site, wanted)?;
+            shared.metrics.answered(&answers.verdicts);
+            send(sender, wanted, answers)?;
         }
         Ok(())
     }

@@ -17,7 +17,8 @@ use tonic::{Request, Response, Status, Streaming};
 
 use self::batch::Batch;
 use super::{
-    DEFECT, MAX_ANSWERING, MAX_BATCH_LINES, ServedTerrain, Service, Shared,
+    DEFECT, MAX_ANSWERING, ServedTerrain, Service, Shared,
+    limits::limited,
     status::{IntoStatus, too_many},
     wanted::{Call, Wanted, deadline_exceeded},
 };
@@ -35,7 +36,9 @@ impl<T: ServedTerrain> LineOfSightService for Service<T> {
         &self,
         request: Request<v1::QueryLineOfSightRequest>,
     ) -> Result<Response<v1::QueryLineOfSightResponse>, Status> {
-        self.compute(request, |terrain, site, request, _| single::query(terrain, site, request)).await
+        let answer = self.compute(request, |terrain, site, request, _| single::query(terrain, site, request)).await?;
+        self.0.metrics.answered(&[answer.get_ref().verdict]);
+        Ok(answer)
     }
 
     type QueryLineOfSightBatchStream = ReceiverStream<Result<v1::QueryLineOfSightBatchResponse, Status>>;
@@ -45,7 +48,11 @@ impl<T: ServedTerrain> LineOfSightService for Service<T> {
         request: Request<v1::QueryLineOfSightBatchRequest>,
     ) -> Result<Response<Self::QueryLineOfSightBatchStream>, Status> {
         let (wanted, call) = Wanted::of(&request);
-        let batch = Batch::new(request.into_inner(), &self.0.site, MAX_BATCH_LINES)?;
+        let (request, limit) = (request.into_inner(), self.0.limits.batch_lines);
+        if request.ax.len() > limit {
+            return Err(limited("batch_lines", "lines in one batch", request.ax.len() as u64, limit as u64));
+        }
+        let batch = Batch::new(request, &self.0.site, limit)?;
         self.produce(wanted, call, move |shared, wanted, sender| batch.send_all(shared, wanted, &sender))
     }
 
@@ -138,7 +145,7 @@ impl<T: ServedTerrain> Service<T> {
         let place = Arc::clone(&self.0.answering).try_acquire_owned();
         let place = place.map_err(|_| too_many("streams of answers under way", MAX_ANSWERING, MAX_ANSWERING))?;
         let (sender, receiver) = mpsc::channel(1);
-        let shared = Arc::clone(&self.0);
+        let (shared, observer) = (Arc::clone(&self.0), Arc::clone(&self.0));
         tokio::spawn(async move {
             let (asked, answers) = (wanted.clone(), sender.clone());
             let done = tokio::task::spawn_blocking(move || {
@@ -153,7 +160,7 @@ impl<T: ServedTerrain> Service<T> {
             };
             drop(call);
             if let Err(status) = end {
-                let _ = sender.send(Err(status)).await;
+                let _ = sender.send(Err(observer.health.seen(status))).await;
             }
         });
         Ok(Response::new(ReceiverStream::new(receiver)))

@@ -69,7 +69,7 @@ async fn answer<T: ServedTerrain>(
     v1::StreamLinesOfSightRequest { ids, lines }: v1::StreamLinesOfSightRequest,
     wanted: Wanted,
 ) -> v1::StreamLinesOfSightResponse {
-    let batch = Batch::new(lines.unwrap_or_default(), &shared.site, MAX_STREAM_LINES);
+    let batch = Batch::new(lines.unwrap_or_default(), &shared.site, MAX_STREAM_LINES.min(shared.limits.batch_lines));
     let batch = batch.and_then(|batch| match batch.len() == ids.len() {
         true => Ok(batch),
         false => Err(unequal("ids, lines", &[ids.len(), batch.len()])),
@@ -84,9 +84,11 @@ async fn answer<T: ServedTerrain>(
     };
     match answered {
         Ok(v1::QueryLineOfSightBatchResponse { verdicts, grazes, certain, .. }) => {
+            shared.metrics.answered(&verdicts);
             v1::StreamLinesOfSightResponse { ids, verdicts, grazes, certain, refusal: None }
         }
         Err(status) => {
+            shared.health.observe(status.code());
             let refusal = v1::Refusal { code: i32::from(status.code()) as u32, message: status.message().into() };
             v1::StreamLinesOfSightResponse { ids, refusal: Some(refusal), ..Default::default() }
         }

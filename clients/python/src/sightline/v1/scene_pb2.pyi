@@ -38,28 +38,40 @@ class StreamSceneResponse(_message.Message):
     def __init__(self, opened: _Optional[_Union[ViewOpened, _Mapping]] = ..., exercise: _Optional[_Union[ExerciseUpdate, _Mapping]] = ..., frame: _Optional[_Union[Frame, _Mapping]] = ...) -> None: ...
 
 class OpenView(_message.Message):
-    __slots__ = ("exercise", "settings", "pose")
+    __slots__ = ("exercise", "settings", "pose", "pace")
     EXERCISE_FIELD_NUMBER: _ClassVar[int]
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
+    PACE_FIELD_NUMBER: _ClassVar[int]
     exercise: str
     settings: ViewSettings
     pose: Pose
-    def __init__(self, exercise: _Optional[str] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ...) -> None: ...
+    pace: Pace
+    def __init__(self, exercise: _Optional[str] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., pace: _Optional[_Union[Pace, _Mapping]] = ...) -> None: ...
 
 class SteerView(_message.Message):
-    __slots__ = ("pose", "pose_sequence", "applied_sequence", "settings", "frame_time_ms")
+    __slots__ = ("pose", "pose_sequence", "applied_sequence", "settings", "frame_time_ms", "pace")
     POSE_FIELD_NUMBER: _ClassVar[int]
     POSE_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     APPLIED_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     FRAME_TIME_MS_FIELD_NUMBER: _ClassVar[int]
+    PACE_FIELD_NUMBER: _ClassVar[int]
     pose: Pose
     pose_sequence: int
     applied_sequence: int
     settings: ViewSettings
     frame_time_ms: float
-    def __init__(self, pose: _Optional[_Union[Pose, _Mapping]] = ..., pose_sequence: _Optional[int] = ..., applied_sequence: _Optional[int] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., frame_time_ms: _Optional[float] = ...) -> None: ...
+    pace: Pace
+    def __init__(self, pose: _Optional[_Union[Pose, _Mapping]] = ..., pose_sequence: _Optional[int] = ..., applied_sequence: _Optional[int] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., frame_time_ms: _Optional[float] = ..., pace: _Optional[_Union[Pace, _Mapping]] = ...) -> None: ...
+
+class Pace(_message.Message):
+    __slots__ = ("max_rate_hz", "max_bytes_per_s")
+    MAX_RATE_HZ_FIELD_NUMBER: _ClassVar[int]
+    MAX_BYTES_PER_S_FIELD_NUMBER: _ClassVar[int]
+    max_rate_hz: float
+    max_bytes_per_s: int
+    def __init__(self, max_rate_hz: _Optional[float] = ..., max_bytes_per_s: _Optional[int] = ...) -> None: ...
 
 class RequestSnapshot(_message.Message):
     __slots__ = ("received_sequence",)
@@ -208,7 +220,7 @@ class UnsatisfiedLine(_message.Message):
     def __init__(self, id: _Optional[int] = ..., reason: _Optional[_Union[UnsatisfiedReason, str]] = ...) -> None: ...
 
 class Frame(_message.Message):
-    __slots__ = ("sequence", "base_sequence", "pose_sequence", "epoch", "mesh", "triangle_count", "distortion_bound_px", "mesh_hash", "now_unsatisfied", "no_longer_unsatisfied")
+    __slots__ = ("sequence", "base_sequence", "pose_sequence", "epoch", "mesh", "triangle_count", "distortion_bound_px", "mesh_hash", "now_unsatisfied", "no_longer_unsatisfied", "held_back_ms")
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     BASE_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     POSE_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
@@ -219,6 +231,7 @@ class Frame(_message.Message):
     MESH_HASH_FIELD_NUMBER: _ClassVar[int]
     NOW_UNSATISFIED_FIELD_NUMBER: _ClassVar[int]
     NO_LONGER_UNSATISFIED_FIELD_NUMBER: _ClassVar[int]
+    HELD_BACK_MS_FIELD_NUMBER: _ClassVar[int]
     sequence: int
     base_sequence: int
     pose_sequence: int
@@ -229,4 +242,85 @@ class Frame(_message.Message):
     mesh_hash: int
     now_unsatisfied: _containers.RepeatedCompositeFieldContainer[UnsatisfiedLine]
     no_longer_unsatisfied: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, sequence: _Optional[int] = ..., base_sequence: _Optional[int] = ..., pose_sequence: _Optional[int] = ..., epoch: _Optional[int] = ..., mesh: _Optional[bytes] = ..., triangle_count: _Optional[int] = ..., distortion_bound_px: _Optional[float] = ..., mesh_hash: _Optional[int] = ..., now_unsatisfied: _Optional[_Iterable[_Union[UnsatisfiedLine, _Mapping]]] = ..., no_longer_unsatisfied: _Optional[_Iterable[int]] = ...) -> None: ...
+    held_back_ms: int
+    def __init__(self, sequence: _Optional[int] = ..., base_sequence: _Optional[int] = ..., pose_sequence: _Optional[int] = ..., epoch: _Optional[int] = ..., mesh: _Optional[bytes] = ..., triangle_count: _Optional[int] = ..., distortion_bound_px: _Optional[float] = ..., mesh_hash: _Optional[int] = ..., now_unsatisfied: _Optional[_Iterable[_Union[UnsatisfiedLine, _Mapping]]] = ..., no_longer_unsatisfied: _Optional[_Iterable[int]] = ..., held_back_ms: _Optional[int] = ...) -> None: ...
+
+class WatchViewsRequest(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class WatchViewsResponse(_message.Message):
+    __slots__ = ("begun", "message", "closed")
+    BEGUN_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    CLOSED_FIELD_NUMBER: _ClassVar[int]
+    begun: WatchBegun
+    message: WatchedViewMessage
+    closed: WatchedViewClosed
+    def __init__(self, begun: _Optional[_Union[WatchBegun, _Mapping]] = ..., message: _Optional[_Union[WatchedViewMessage, _Mapping]] = ..., closed: _Optional[_Union[WatchedViewClosed, _Mapping]] = ...) -> None: ...
+
+class WatchBegun(_message.Message):
+    __slots__ = ("watch_id",)
+    WATCH_ID_FIELD_NUMBER: _ClassVar[int]
+    watch_id: str
+    def __init__(self, watch_id: _Optional[str] = ...) -> None: ...
+
+class WatchedViewMessage(_message.Message):
+    __slots__ = ("view_id", "message")
+    VIEW_ID_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    view_id: int
+    message: StreamSceneResponse
+    def __init__(self, view_id: _Optional[int] = ..., message: _Optional[_Union[StreamSceneResponse, _Mapping]] = ...) -> None: ...
+
+class WatchedViewClosed(_message.Message):
+    __slots__ = ("view_id", "code", "reason")
+    VIEW_ID_FIELD_NUMBER: _ClassVar[int]
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    REASON_FIELD_NUMBER: _ClassVar[int]
+    view_id: int
+    code: int
+    reason: str
+    def __init__(self, view_id: _Optional[int] = ..., code: _Optional[int] = ..., reason: _Optional[str] = ...) -> None: ...
+
+class OpenWatchedViewRequest(_message.Message):
+    __slots__ = ("watch_id", "view_id", "open")
+    WATCH_ID_FIELD_NUMBER: _ClassVar[int]
+    VIEW_ID_FIELD_NUMBER: _ClassVar[int]
+    OPEN_FIELD_NUMBER: _ClassVar[int]
+    watch_id: str
+    view_id: int
+    open: OpenView
+    def __init__(self, watch_id: _Optional[str] = ..., view_id: _Optional[int] = ..., open: _Optional[_Union[OpenView, _Mapping]] = ...) -> None: ...
+
+class OpenWatchedViewResponse(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class TellWatchedViewRequest(_message.Message):
+    __slots__ = ("watch_id", "view_id", "steer", "snapshot")
+    WATCH_ID_FIELD_NUMBER: _ClassVar[int]
+    VIEW_ID_FIELD_NUMBER: _ClassVar[int]
+    STEER_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_FIELD_NUMBER: _ClassVar[int]
+    watch_id: str
+    view_id: int
+    steer: SteerView
+    snapshot: RequestSnapshot
+    def __init__(self, watch_id: _Optional[str] = ..., view_id: _Optional[int] = ..., steer: _Optional[_Union[SteerView, _Mapping]] = ..., snapshot: _Optional[_Union[RequestSnapshot, _Mapping]] = ...) -> None: ...
+
+class TellWatchedViewResponse(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class CloseWatchedViewRequest(_message.Message):
+    __slots__ = ("watch_id", "view_id")
+    WATCH_ID_FIELD_NUMBER: _ClassVar[int]
+    VIEW_ID_FIELD_NUMBER: _ClassVar[int]
+    watch_id: str
+    view_id: int
+    def __init__(self, watch_id: _Optional[str] = ..., view_id: _Optional[int] = ...) -> None: ...
+
+class CloseWatchedViewResponse(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...

@@ -40,6 +40,26 @@ class SceneServiceStub(object):
                 request_serializer=sightline_dot_v1_dot_scene__pb2.StreamSceneRequest.SerializeToString,
                 response_deserializer=sightline_dot_v1_dot_scene__pb2.StreamSceneResponse.FromString,
                 _registered_method=True)
+        self.WatchViews = channel.unary_stream(
+                '/sightline.v1.SceneService/WatchViews',
+                request_serializer=sightline_dot_v1_dot_scene__pb2.WatchViewsRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_scene__pb2.WatchViewsResponse.FromString,
+                _registered_method=True)
+        self.OpenWatchedView = channel.unary_unary(
+                '/sightline.v1.SceneService/OpenWatchedView',
+                request_serializer=sightline_dot_v1_dot_scene__pb2.OpenWatchedViewRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_scene__pb2.OpenWatchedViewResponse.FromString,
+                _registered_method=True)
+        self.TellWatchedView = channel.unary_unary(
+                '/sightline.v1.SceneService/TellWatchedView',
+                request_serializer=sightline_dot_v1_dot_scene__pb2.TellWatchedViewRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_scene__pb2.TellWatchedViewResponse.FromString,
+                _registered_method=True)
+        self.CloseWatchedView = channel.unary_unary(
+                '/sightline.v1.SceneService/CloseWatchedView',
+                request_serializer=sightline_dot_v1_dot_scene__pb2.CloseWatchedViewRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_scene__pb2.CloseWatchedViewResponse.FromString,
+                _registered_method=True)
 
 
 class SceneServiceServicer(object):
@@ -56,6 +76,35 @@ class SceneServiceServicer(object):
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def WatchViews(self, request, context):
+        """For clients without bidirectional streams (browsers): one stream on which any number of views is watched. Its first
+        message names the watch. Views are opened, steered and closed by the calls below, and end with this stream.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def OpenWatchedView(self, request, context):
+        """Opens a view on a watch; what it says comes on the watch's stream, ViewOpened first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def TellWatchedView(self, request, context):
+        """Says to a view of a watch what StreamSceneRequest says to a streamed one.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def CloseWatchedView(self, request, context):
+        """Closes a view of a watch.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_SceneServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -63,6 +112,26 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.StreamScene,
                     request_deserializer=sightline_dot_v1_dot_scene__pb2.StreamSceneRequest.FromString,
                     response_serializer=sightline_dot_v1_dot_scene__pb2.StreamSceneResponse.SerializeToString,
+            ),
+            'WatchViews': grpc.unary_stream_rpc_method_handler(
+                    servicer.WatchViews,
+                    request_deserializer=sightline_dot_v1_dot_scene__pb2.WatchViewsRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_scene__pb2.WatchViewsResponse.SerializeToString,
+            ),
+            'OpenWatchedView': grpc.unary_unary_rpc_method_handler(
+                    servicer.OpenWatchedView,
+                    request_deserializer=sightline_dot_v1_dot_scene__pb2.OpenWatchedViewRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_scene__pb2.OpenWatchedViewResponse.SerializeToString,
+            ),
+            'TellWatchedView': grpc.unary_unary_rpc_method_handler(
+                    servicer.TellWatchedView,
+                    request_deserializer=sightline_dot_v1_dot_scene__pb2.TellWatchedViewRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_scene__pb2.TellWatchedViewResponse.SerializeToString,
+            ),
+            'CloseWatchedView': grpc.unary_unary_rpc_method_handler(
+                    servicer.CloseWatchedView,
+                    request_deserializer=sightline_dot_v1_dot_scene__pb2.CloseWatchedViewRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_scene__pb2.CloseWatchedViewResponse.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -93,6 +162,114 @@ class SceneService(object):
             '/sightline.v1.SceneService/StreamScene',
             sightline_dot_v1_dot_scene__pb2.StreamSceneRequest.SerializeToString,
             sightline_dot_v1_dot_scene__pb2.StreamSceneResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def WatchViews(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/sightline.v1.SceneService/WatchViews',
+            sightline_dot_v1_dot_scene__pb2.WatchViewsRequest.SerializeToString,
+            sightline_dot_v1_dot_scene__pb2.WatchViewsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def OpenWatchedView(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/sightline.v1.SceneService/OpenWatchedView',
+            sightline_dot_v1_dot_scene__pb2.OpenWatchedViewRequest.SerializeToString,
+            sightline_dot_v1_dot_scene__pb2.OpenWatchedViewResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def TellWatchedView(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/sightline.v1.SceneService/TellWatchedView',
+            sightline_dot_v1_dot_scene__pb2.TellWatchedViewRequest.SerializeToString,
+            sightline_dot_v1_dot_scene__pb2.TellWatchedViewResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def CloseWatchedView(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/sightline.v1.SceneService/CloseWatchedView',
+            sightline_dot_v1_dot_scene__pb2.CloseWatchedViewRequest.SerializeToString,
+            sightline_dot_v1_dot_scene__pb2.CloseWatchedViewResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -1,0 +1,113 @@
+//! What each call passes before its service sees it: it gets an id, its caller is found, its right and its rate are
+//! checked, and how it began to be answered is counted and logged.
+
+use std::{sync::Arc, time::Instant};
+
+use axum::{
+    extract::{Request, State},
+    http::{HeaderMap, HeaderName, HeaderValue, header},
+    middleware::Next,
+    response::Response,
+};
+use tonic::{
+    Code, Status,
+    body::Body,
+    transport::server::{TcpConnectInfo, TlsConnectInfo},
+};
+use tracing::Instrument;
+
+use super::{
+    ServedTerrain, Shared,
+    access::{self, Caller},
+    limits::limited,
+};
+
+/// Header with the id of a call: the client's, or one that the server gives. It stands in the log and in the answer.
+pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+/// Longer ids of clients are replaced.
+const MAX_ID_LENGTH: usize = 64;
+
+/// The layer around the gRPC services.
+pub(super) async fn admit<T: ServedTerrain>(
+    State(shared): State<Arc<Shared<T>>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let began = Instant::now();
+    let path = request.uri().path().to_owned();
+    let id = request_id(request.headers(), || shared.next_id());
+    let caller = caller(&shared, &request);
+    let client = caller.as_ref().map_or("", |caller| &caller.name);
+    let span = tracing::info_span!("call", method = path, id = id.to_str().unwrap_or_default(), client);
+    let admitted = caller.and_then(|caller| {
+        shared.accounts.call(&caller.name, began)?;
+        request.extensions_mut().insert(caller);
+        Ok(request)
+    });
+    let mut response = match admitted {
+        Ok(request) => next.run(request).instrument(span.clone()).await,
+        Err(status) => answer(&status),
+    };
+    let mut code = code_of(response.headers());
+    if code == Code::OutOfRange && is_oversize(response.headers()) {
+        response = answer(&oversize(shared.limits.request_bytes));
+        code = Code::ResourceExhausted;
+    }
+    shared.health.observe(code);
+    shared.metrics.call(&path, code, began.elapsed());
+    span.in_scope(|| match code {
+        Code::Ok => tracing::debug!(took_us = began.elapsed().as_micros() as u64, "answered"),
+        code => tracing::info!(?code, "refused"),
+    });
+    response.headers_mut().insert(REQUEST_ID, id);
+    response
+}
+
+/// Who calls, if they may.
+pub(super) fn caller<T>(shared: &Shared<T>, request: &Request) -> Result<Caller, Status> {
+    let extensions = request.extensions();
+    let plain = extensions.get::<TcpConnectInfo>().and_then(TcpConnectInfo::remote_addr);
+    let secured = extensions.get::<TlsConnectInfo<TcpConnectInfo>>().and_then(|info| info.get_ref().remote_addr());
+    let address = plain.or(secured).map(|peer| peer.ip());
+    let authorization = request.headers().get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    access::admit(shared.tokens.as_ref(), request.uri().path(), authorization, address)
+}
+
+fn request_id(headers: &HeaderMap, new: impl FnOnce() -> String) -> HeaderValue {
+    let sound = |value: &&HeaderValue| {
+        value.len() <= MAX_ID_LENGTH && !value.is_empty() && value.as_bytes().iter().all(u8::is_ascii_graphic)
+    };
+    headers
+        .get(REQUEST_ID)
+        .filter(sound)
+        .cloned()
+        .unwrap_or_else(|| HeaderValue::from_str(&new()).unwrap_or_else(|_| HeaderValue::from_static("none")))
+}
+
+fn answer(status: &Status) -> Response {
+    status.clone().into_http::<Body>().map(axum::body::Body::new)
+}
+
+/// The code with which a call was refused at once; OK for those that began to be answered.
+fn code_of(headers: &HeaderMap) -> Code {
+    headers.get("grpc-status").map_or(Code::Ok, |value| Code::from_bytes(value.as_bytes()))
+}
+
+/// Whether the transport refused a message for its length.
+fn is_oversize(headers: &HeaderMap) -> bool {
+    headers.get("grpc-message").is_some_and(|value| {
+        let text = value.to_str().unwrap_or_default();
+        text.contains("message%20length%20too%20large") || text.contains("message length too large")
+    })
+}
+
+fn oversize(limit: usize) -> Status {
+    let limit = limit as u64;
+    limited("request_bytes", "bytes and more in one request", limit, limit)
+}
+
+/// [`oversize`] in the place of the transport's words about a message of a stream.
+pub(super) fn explained(status: Status, limit: usize) -> Status {
+    let is_oversize = status.code() == Code::OutOfRange && status.message().contains("message length too large");
+    if is_oversize { oversize(limit) } else { status }
+}

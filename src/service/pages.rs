@@ -1,0 +1,67 @@
+//! The pages beside the services, on the same port: what is here, health, and metrics.
+
+use std::sync::Arc;
+
+use axum::{
+    extract::{Request, State},
+    http::{StatusCode, header},
+    response::{Html, IntoResponse, Response},
+};
+use tonic::{Code, Status, body::Body};
+
+use super::{ServedTerrain, Shared, admission};
+
+/// What Prometheus expects.
+const METRICS_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// The front page.
+pub(super) async fn index<T: ServedTerrain>(State(shared): State<Arc<Shared<T>>>) -> Html<String> {
+    let terrain = &shared.description;
+    Html(format!(
+        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Sightline</title>\
+         <h1>Sightline {version}</h1>\
+         <p>A terrain of {nx} x {ny} posts, exact lines of sight on it, and meshes that agree with them.</p>\
+         <ul><li><a href=\"/healthz\">/healthz</a>: whether the server is healthy\
+         <li><a href=\"/metrics\">/metrics</a>: what it measures, for Prometheus\
+         <li>gRPC and gRPC-Web, package <code>sightline.v1</code>, with server reflection: on this same port\
+         </ul></html>\n",
+        version = env!("CARGO_PKG_VERSION"),
+        nx = terrain.nx,
+        ny = terrain.ny,
+    ))
+}
+
+/// `ok`, or what is wrong with status 503.
+pub(super) async fn healthz<T: ServedTerrain>(State(shared): State<Arc<Shared<T>>>) -> Response {
+    let troubles = shared.troubles();
+    if troubles.is_empty() {
+        return "ok\n".into_response();
+    }
+    (StatusCode::SERVICE_UNAVAILABLE, troubles.join("\n") + "\n").into_response()
+}
+
+/// The metrics, for whoever may see them.
+pub(super) async fn metrics<T: ServedTerrain>(State(shared): State<Arc<Shared<T>>>, request: Request) -> Response {
+    if let Err(status) = admission::caller(&shared, &request) {
+        let code =
+            if status.code() == Code::Unauthenticated { StatusCode::UNAUTHORIZED } else { StatusCode::FORBIDDEN };
+        return (code, format!("{}\n", status.message())).into_response();
+    }
+    // Exercises are counted in the store, which may have to be read.
+    let inner = Arc::clone(&shared);
+    let page = tokio::task::spawn_blocking(move || inner.metrics.page(inner.moment())).await;
+    match page {
+        Ok(page) => ([(header::CONTENT_TYPE, METRICS_TYPE)], page).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
+}
+
+/// Whatever else is asked for.
+pub(super) async fn unknown(request: Request) -> Response {
+    let kind = request.headers().get(header::CONTENT_TYPE).map_or(&[][..], |value| value.as_bytes());
+    if kind.starts_with(b"application/grpc") {
+        let status = Status::unimplemented(format!("{} is no method of this server", request.uri().path()));
+        return status.into_http::<Body>().map(axum::body::Body::new);
+    }
+    (StatusCode::NOT_FOUND, "there is no such page; see /\n").into_response()
+}

@@ -1,0 +1,282 @@
+//! Views: one task each, which takes what the client and the exercise say, and sends a frame when one is due.
+//!
+//! The frame in the making and the one that waits for the network are the only ones held: the newest pose waits for
+//! both, and for the pace that the client chose. When the client goes away its stream ends or sending fails, the task
+//! ends, and with it the view. Where its messages come from, a stream or a watch, it does not know.
+
+use std::{pin::Pin, sync::Arc, time::Instant};
+
+use prost::Message;
+use sightline_proto::v1::{
+    self, stream_scene_request::Request as Wish, stream_scene_response::Response as Word, view_settings::Target,
+};
+use tokio::sync::{mpsc, watch};
+use tokio_stream::{Stream, StreamExt};
+use tonic::Status;
+use tracing::Instrument;
+
+use super::{ServedTerrain, Shared, access::Caller, admission::explained, limits::Seat, status::IntoStatus, stopped};
+use crate::{
+    exercise::Exercise,
+    session::{Event, Pacer, Pose, Settings, SettingsError, View},
+};
+
+/// Messages of a client that are taken in a row before a frame gets its turn.
+const MAX_MESSAGES_IN_A_ROW: u32 = 64;
+
+/// What a client says.
+pub(super) type Inbox = Pin<Box<dyn Stream<Item = Result<v1::StreamSceneRequest, Status>> + Send>>;
+/// What a view says.
+type Outbox = mpsc::Sender<Result<v1::StreamSceneResponse, Status>>;
+
+/// Opens a view of `caller` and lets it live; returns what it says.
+pub(super) async fn open<T: ServedTerrain>(
+    shared: &Arc<Shared<T>>,
+    caller: &Caller,
+    open: v1::OpenView,
+    inbox: Inbox,
+) -> Result<mpsc::Receiver<Result<v1::StreamSceneResponse, Status>>, Status> {
+    let seat = shared.accounts.seat(&caller.name, budget(open.settings.as_ref()))?;
+    let mut pacer = Pacer::default();
+    pacer.set(&open.pace.unwrap_or_default()).map_err(IntoStatus::into_status)?;
+    // Opened here holds one message, the view's task the next: hand-over is one deep.
+    let (outbox, said) = mpsc::channel(1);
+    let changes = shared.changes.subscribe();
+    let followed = Followed::find(shared, &open.exercise).await?;
+    let view = make(shared, &open, followed.as_ref().map(|f| Arc::clone(&f.exercise))).await?;
+    let opened = v1::ViewOpened { terrain: Some(shared.description.clone()) };
+    let _ = outbox.try_send(Ok(word(Word::Opened(opened))));
+    let task = ViewTask {
+        shared: Arc::clone(shared),
+        view: Some(view),
+        followed,
+        changes,
+        inbox,
+        outbox,
+        seat,
+        pacer,
+        began: Instant::now(),
+        due_since_ms: None,
+        unsatisfied: 0,
+    };
+    tracing::info!(exercise = open.exercise, client = &*caller.name, "view opened");
+    tokio::spawn(task.run().in_current_span());
+    Ok(said)
+}
+
+/// The greatest number of triangles that settings ask for; nonsense is found later.
+fn budget(settings: Option<&v1::ViewSettings>) -> u32 {
+    match settings.and_then(|settings| settings.target.as_ref()) {
+        Some(Target::TriangleBudget(budget)) => budget.triangles.min(crate::session::MAX_TRIANGLES),
+        Some(Target::ScreenError(error)) => error.max_triangles.min(crate::session::MAX_TRIANGLES),
+        Some(Target::FrameTime(time)) => time.max_triangles.min(crate::session::MAX_TRIANGLES),
+        None => 0,
+    }
+}
+
+fn word(response: Word) -> v1::StreamSceneResponse {
+    v1::StreamSceneResponse { response: Some(response) }
+}
+
+async fn make<T: ServedTerrain>(
+    shared: &Arc<Shared<T>>,
+    open: &v1::OpenView,
+    exercise: Option<Arc<Exercise>>,
+) -> Result<View<T>, Status> {
+    let missing = |what| SettingsError::Missing(what).into_status();
+    let settings = open.settings.as_ref().ok_or_else(|| missing("settings"))?;
+    let pose = open.pose.as_ref().ok_or_else(|| missing("pose"))?;
+    let settings = Settings::from_wire(settings).map_err(IntoStatus::into_status)?;
+    let pose = Pose::from_wire(pose).map_err(IntoStatus::into_status)?;
+    let inner = Arc::clone(shared);
+    let view =
+        move || View::open(Arc::clone(&inner.terrain), inner.site.scale, &inner.description, settings, pose, exercise);
+    shared.run(view).await?.map_err(IntoStatus::into_status)
+}
+
+/// The exercise that a view follows, as it was last seen.
+struct Followed {
+    name: String,
+    created: u64,
+    revision: u64,
+    exercise: Arc<Exercise>,
+}
+
+impl Followed {
+    /// The exercise called `name`; none when the name is empty.
+    async fn find<T: ServedTerrain>(shared: &Arc<Shared<T>>, name: &str) -> Result<Option<Self>, Status> {
+        if name.is_empty() {
+            return Ok(None);
+        }
+        let (inner, key) = (Arc::clone(shared), name.to_owned());
+        let stored = shared.run(move || inner.store.get(&key)).await?.map_err(IntoStatus::into_status)?;
+        let (created, revision, exercise) = (stored.created, stored.revision, stored.exercise);
+        Ok(Some(Self { name: name.to_owned(), created, revision, exercise }))
+    }
+
+    /// Looks again; whether it has moved on. An exercise that has ended ends its views.
+    async fn look<T: ServedTerrain>(&mut self, shared: &Arc<Shared<T>>) -> Result<bool, Status> {
+        let now = Self::find(shared, &self.name).await?.filter(|now| now.created == self.created);
+        let now = now.ok_or_else(|| Status::not_found(format!("exercise '{}' has ended", self.name)))?;
+        let moved = now.revision != self.revision;
+        *self = now;
+        Ok(moved)
+    }
+}
+
+struct ViewTask<T: ServedTerrain> {
+    shared: Arc<Shared<T>>,
+    /// Absent while a frame is being made.
+    view: Option<View<T>>,
+    followed: Option<Followed>,
+    changes: watch::Receiver<u64>,
+    inbox: Inbox,
+    outbox: Outbox,
+    seat: Seat,
+    pacer: Pacer,
+    /// From here the pacer counts.
+    began: Instant,
+    /// When the frame that waits became due.
+    due_since_ms: Option<f64>,
+    /// Lines that the last frame named.
+    unsatisfied: i64,
+}
+
+impl<T: ServedTerrain> Drop for ViewTask<T> {
+    fn drop(&mut self) {
+        self.shared.metrics.unsatisfied.dec_by(self.unsatisfied);
+    }
+}
+
+impl<T: ServedTerrain> ViewTask<T> {
+    async fn run(mut self) {
+        let mut stopping = self.shared.stopping.clone();
+        let outbox = self.outbox.clone();
+        let end = tokio::select! {
+            end = self.live() => end,
+            () = stopped(&mut stopping) => Err(Status::unavailable("the server is stopping")),
+            () = outbox.closed() => Ok(()),
+        };
+        let frames = self.view.as_ref().map_or(0, |view| view.sent().sequence());
+        tracing::info!(frames, reason = end.as_ref().err().map(Status::message), "view closed");
+        // Its place is free before its end is told.
+        let shared = Arc::clone(&self.shared);
+        drop(self);
+        if let Err(status) = end {
+            // Waits behind the frame that is on its way, but not for ever: the connection's keepalive sees to that.
+            let _ = outbox.send(Err(shared.health.seen(status))).await;
+        }
+    }
+
+    fn now_ms(&self) -> f64 {
+        1e3 * self.began.elapsed().as_secs_f64()
+    }
+
+    /// The life of the view, until its client ends it or something is wrong.
+    async fn live(&mut self) -> Result<(), Status> {
+        let mut in_a_row = 0;
+        loop {
+            let is_due = self.view.as_ref().is_some_and(View::is_due);
+            let now_ms = self.now_ms();
+            self.due_since_ms = is_due.then(|| self.due_since_ms.unwrap_or(now_ms));
+            let wait_ms = self.pacer.free_ms() - now_ms;
+            let is_free = wait_ms <= 0.0;
+            let pace = tokio::time::sleep(std::time::Duration::from_secs_f64(1e-3 * wait_ms.clamp(0.0, 1e7)));
+            tokio::select! {
+                biased;
+                changed = self.changes.changed(), if self.followed.is_some() => {
+                    changed.map_err(|_| Status::unavailable("the server is stopping"))?;
+                    self.follow().await?;
+                }
+                message = self.inbox.next(), if !(is_due && is_free) || in_a_row < MAX_MESSAGES_IN_A_ROW => {
+                    in_a_row += 1;
+                    let Some(message) = message else { return Ok(()) };
+                    self.hear(message.map_err(|status| explained(status, self.shared.limits.request_bytes))?)?;
+                }
+                permit = self.outbox.clone().reserve_owned(), if is_due && is_free => {
+                    in_a_row = 0;
+                    let permit = permit.map_err(|_| Status::cancelled("the client is gone"))?;
+                    self.deliver(permit).await?;
+                }
+                () = pace, if is_due && !is_free => {}
+            }
+        }
+    }
+
+    fn hear(&mut self, message: v1::StreamSceneRequest) -> Result<(), Status> {
+        let event = match message.request {
+            Some(Wish::Steer(steer)) => Event::Steer(steer),
+            Some(Wish::Snapshot(request)) => Event::Snapshot(request),
+            Some(Wish::Open(_)) => return Err(Status::invalid_argument("a view is opened once")),
+            None => return Err(Status::invalid_argument("a message that says nothing")),
+        };
+        if let Event::Steer(steer) = &event {
+            if let Some(pace) = &steer.pace {
+                self.pacer.set(pace).map_err(IntoStatus::into_status)?;
+            }
+            if steer.settings.is_some() {
+                self.seat.resize(budget(steer.settings.as_ref()))?;
+            }
+        }
+        self.tell(event)
+    }
+
+    async fn follow(&mut self) -> Result<(), Status> {
+        let Some(followed) = &mut self.followed else { return Ok(()) };
+        if followed.look(&self.shared).await? {
+            let exercise = Arc::clone(&followed.exercise);
+            self.tell(Event::Exercise(exercise))?;
+        }
+        Ok(())
+    }
+
+    fn tell(&mut self, event: Event) -> Result<(), Status> {
+        let view = self.view.as_mut().ok_or_else(|| Status::internal("a view was lost in a defect"))?;
+        view.handle(event).map_err(IntoStatus::into_status)
+    }
+
+    /// Makes the next frame and hands it over, with the update of the exercise before it.
+    async fn deliver(
+        &mut self,
+        permit: mpsc::OwnedPermit<Result<v1::StreamSceneResponse, Status>>,
+    ) -> Result<(), Status> {
+        let mut view = self.view.take().ok_or_else(|| Status::internal("a view was lost in a defect"))?;
+        let (due_since_ms, free_ms) = (self.due_since_ms.take(), self.pacer.free_ms());
+        let (view, words, took) = self
+            .shared
+            .run(move || {
+                let began = Instant::now();
+                let words = view.produce();
+                (view, words, began.elapsed())
+            })
+            .await?;
+        self.view = Some(view);
+        let mut words = words.map_err(IntoStatus::into_status)?;
+        let held_back_ms = due_since_ms.map_or(0.0, |since| (free_ms - since).max(0.0)).ceil() as u32;
+        for frame in words.iter_mut().filter_map(|word| if let Word::Frame(frame) = word { Some(frame) } else { None })
+        {
+            frame.held_back_ms = held_back_ms;
+            self.count(frame);
+        }
+        let words: Vec<_> = words.into_iter().map(word).collect();
+        let bytes = words.iter().map(Message::encoded_len).sum();
+        self.pacer.sent(self.now_ms(), bytes);
+        self.shared.metrics.frame(bytes, took, held_back_ms > 0);
+        let mut words = words.into_iter();
+        if let Some(first) = words.next() {
+            permit.send(Ok(first));
+        }
+        for next in words {
+            self.outbox.send(Ok(next)).await.map_err(|_| Status::cancelled("the client is gone"))?;
+        }
+        Ok(())
+    }
+
+    /// Keeps count of the lines that the last frame names.
+    fn count(&mut self, frame: &v1::Frame) {
+        let before = if frame.base_sequence == 0 { 0 } else { self.unsatisfied };
+        let now = before + frame.now_unsatisfied.len() as i64 - frame.no_longer_unsatisfied.len() as i64;
+        self.shared.metrics.unsatisfied.inc_by(now - self.unsatisfied);
+        self.unsatisfied = now;
+    }
+}
