@@ -103,7 +103,7 @@ async def connect(
     """
     access = access or Access()
     channel = _channel(address, access)
-    failed = ConnectError(f"cannot connect to {address}; is a Sightline server running there?")
+    failed = ConnectError(f"cannot connect to {address}; is a Sightline server running there, and do certificates fit?")
     try:
         await asyncio.wait_for(_ready(channel, failed), connect_timeout_s)
     except (TimeoutError, asyncio.TimeoutError):
