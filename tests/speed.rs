@@ -78,7 +78,7 @@ fn fly(terrain: &Arc<Database>, triangles: u32, lines: &[RequiredLine]) {
     let mut mesh = ViewMesh::new(Arc::clone(terrain), terrain.scale()).unwrap();
     let mut times = Vec::new();
     let mut last = MeshReport::default();
-    let (mut stolen, mut named) = (0_u64, 0);
+    let (mut required, mut named) = (0_u64, 0);
     let start = Instant::now();
     mesh.update(&camera(terrain, 0), Target::TriangleBudget(triangles), lines).unwrap();
     let first = start.elapsed();
@@ -86,17 +86,17 @@ fn fly(terrain: &Arc<Database>, triangles: u32, lines: &[RequiredLine]) {
         let start = Instant::now();
         last = mesh.update(&camera(terrain, frame), Target::TriangleBudget(triangles), lines).unwrap();
         times.push(start.elapsed());
-        stolen += u64::from(last.stolen);
+        required += u64::from(last.required);
         named += last.unsatisfied.len();
     }
     times.sort();
     println!(
-        "{triangles} triangles, {} lines: first {first:?}, median {:?}, p95 {:?}; stolen {} a frame, named {named}, \
+        "{triangles} triangles, {} lines: first {first:?}, median {:?}, p95 {:?}; required {} a frame, named {named}, \
          last: {} triangles, bound {:.2} px, {:?}",
         lines.len(),
         times[50],
         times[95],
-        stolen / 100,
+        required / 100,
         last.triangles,
         last.bound_px,
         last.work,

@@ -36,14 +36,33 @@ pub fn verdict_on_mesh(mesh: &impl Mesh, a: [f64; 3], b: [f64; 3]) -> MeshVerdic
 
 /// [`verdict_on_mesh`] with the rungs of `K`.
 pub fn verdict_on_mesh_with<K: Kernel, M: Mesh>(mesh: &M, a: [f64; 3], b: [f64; 3]) -> MeshVerdict {
-    let walk = Walk { mesh, line: [a, b], grid: mesh.grid_size() };
-    let blocked = walk.candidates::<K>(&mut |triangle, sides| match corners(mesh, triangle)
-        .is_some_and(|c| passes::<K>(Sign::Negative, [a, b], c, sides, walk.grid))
-    {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    });
+    let blocked = for_each_triangle_above_with::<K>(mesh, &mesh.root().roots(), [a, b], |_| ControlFlow::Break(()));
     if blocked.is_break() { MeshVerdict::Blocked } else { MeshVerdict::Visible }
+}
+
+/// Calls `visit` with each triangle of `mesh` that AB passes strictly below over the grid, among the parts of the
+/// triangles `from`, which are of the mesh or above it in the hierarchy: in depth-first order from each, until `visit`
+/// breaks. Exact.
+pub fn for_each_triangle_above(
+    mesh: &impl Mesh,
+    from: &[Triangle],
+    [a, b]: [[f64; 3]; 2],
+    visit: impl FnMut(Triangle) -> ControlFlow<()>,
+) -> ControlFlow<()> {
+    for_each_triangle_above_with::<Exact>(mesh, from, [a, b], visit)
+}
+
+fn for_each_triangle_above_with<K: Kernel>(
+    mesh: &impl Mesh,
+    from: &[Triangle],
+    line: [[f64; 3]; 2],
+    mut visit: impl FnMut(Triangle) -> ControlFlow<()>,
+) -> ControlFlow<()> {
+    let walk = Walk { mesh, line, grid: mesh.grid_size() };
+    walk.candidates::<K>(from, &mut |triangle, sides| {
+        let passes = corners(mesh, triangle).is_some_and(|c| passes::<K>(Sign::Negative, line, c, sides, walk.grid));
+        if passes { visit(triangle) } else { ControlFlow::Continue(()) }
+    })
 }
 
 /// Calls `visit` with each triangle of `mesh` whose closed plan area, within the grid rectangle, AB meets; in the
@@ -55,7 +74,7 @@ pub fn for_each_triangle_met(
     mut visit: impl FnMut(Triangle) -> ControlFlow<()>,
 ) -> ControlFlow<()> {
     let walk = Walk { mesh, line: [a, b], grid: mesh.grid_size() };
-    walk.candidates::<Exact>(&mut |triangle, sides| {
+    walk.candidates::<Exact>(&mesh.root().roots(), &mut |triangle, sides| {
         let met = Area::new(triangle.corners(), walk.grid).chord_ends::<Exact>([plan(a), plan(b)], sides, |_| true);
         if met { visit(triangle) } else { ControlFlow::Continue(()) }
     })
@@ -138,17 +157,20 @@ struct Walk<'a, M> {
 type Sided = (Triangle, [Sign; 3]);
 
 impl<M: Mesh> Walk<'_, M> {
-    /// Calls `visit` with every triangle of the mesh that AB may meet within the grid: whose bounding box the line's
-    /// meets there, and whose corners do not all lie strictly on one side of line AB. Both tests are exact, and what
-    /// they discard is not met.
-    fn candidates<K: Kernel>(&self, visit: &mut impl FnMut(Triangle, [Sign; 3]) -> ControlFlow<()>) -> ControlFlow<()> {
+    /// Calls `visit` with every triangle of the mesh, among the parts of the triangles `from`, that AB may meet within
+    /// the grid: whose bounding box the line's meets there, and whose corners do not all lie strictly on one side of
+    /// line AB. Both tests are exact, and what they discard is not met.
+    fn candidates<K: Kernel>(
+        &self,
+        from: &[Triangle],
+        visit: &mut impl FnMut(Triangle, [Sign; 3]) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
         let Some(window) = self.window() else { return ControlFlow::Continue(()) };
         let [a, b] = self.line.map(plan);
         let side = |p: Post| orient2d_with::<K>(a, b, plan_of_post(p));
         let mut stack: Vec<Sided> = Vec::with_capacity(64);
-        let [south_east, north_west] = self.mesh.root().roots();
-        for root in [north_west, south_east] {
-            stack.push((root, root.corners().map(side)));
+        for &triangle in from.iter().rev() {
+            stack.push((triangle, triangle.corners().map(side)));
         }
         while let Some((triangle, sides)) = stack.pop() {
             if one_sided(&sides) || !window.meets(&triangle) {

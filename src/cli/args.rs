@@ -6,6 +6,7 @@ use super::Failure;
 use crate::{
     exercise::{Altitude, Frame},
     los::Earth,
+    roam::Fidelity,
     terrain::{EARTH_RADIUS_M, SceneScale},
 };
 
@@ -29,6 +30,24 @@ impl FromStr for Point {
             _ => Err(format!("'{part}' in '{text}' is not a finite number")),
         };
         Ok(Self([number(x)?, number(y)?, number(z)?]))
+    }
+}
+
+/// What sight lines ask of a mesh: `verdict`, `obstruction:M` (metres), `wedgie` or `profile`.
+pub fn fidelity(text: &str) -> Result<Fidelity, String> {
+    let wrong = || format!("'{text}' is not verdict, obstruction:M (metres, not negative), wedgie or profile");
+    match text.split_once(':') {
+        None => match text {
+            "verdict" => Ok(Fidelity::Verdict),
+            "wedgie" => Ok(Fidelity::Wedgie),
+            "profile" => Ok(Fidelity::Profile),
+            _ => Err(wrong()),
+        },
+        Some(("obstruction", metres)) => match metres.parse::<f64>() {
+            Ok(distance_m) if distance_m.is_finite() && distance_m >= 0.0 => Ok(Fidelity::Obstruction { distance_m }),
+            _ => Err(wrong()),
+        },
+        Some(_) => Err(wrong()),
     }
 }
 

@@ -10,8 +10,6 @@ use std::{
     time::Instant,
 };
 
-use sightline_proto::v1;
-
 use super::{
     Context, Failure,
     consistency::{
@@ -27,6 +25,7 @@ use crate::{
     database::{self, Database, IngestOptions, OpenOptions, VoidPolicy},
     dem,
     evaluate::flight::{MAX_FRAMES, Preset},
+    roam::Fidelity,
 };
 
 /// Elevation around the Jacksboro Fault, Tennessee.
@@ -166,7 +165,7 @@ fn plan(folder: &Path, frames: usize) -> Plan {
         sight_lines: SIGHT_LINES,
         frames,
         seed: 1,
-        fidelity: v1::Fidelity::Verdict,
+        fidelity: Fidelity::Verdict,
         viewport_px: [1280, 720],
         sabotage: None,
         pictures: Some(folder.into()),

@@ -163,7 +163,8 @@ impl Comparison {
             tally.silently_coarse += u64::from(coarse && !named);
             let holds = match line.fidelity {
                 v1::Fidelity::Profile => !coarse,
-                v1::Fidelity::Wedgie => false,
+                // A client cannot judge these.
+                v1::Fidelity::Wedgie | v1::Fidelity::Obstruction => false,
                 v1::Fidelity::Verdict | v1::Fidelity::Unspecified => found == Some(exact),
             };
             let false_name = holds && named;

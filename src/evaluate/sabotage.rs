@@ -125,7 +125,9 @@ impl Saboteur {
             mesh: mesh.encode(None),
             triangle_count: mesh.triangle_count(),
             mesh_hash: mesh.hash(),
-            now_unsatisfied: names.map(|(&id, &r)| v1::UnsatisfiedLine { id, reason: r.into() }).collect(),
+            now_unsatisfied: names
+                .map(|(&id, &r)| v1::UnsatisfiedLine { id, reason: r.into(), lacking_triangles: 0 })
+                .collect(),
             no_longer_unsatisfied: Vec::new(),
             ..frame.clone()
         }

@@ -17,7 +17,7 @@ use super::{
     dice::Dice,
     oracle::{Ends, Oracle, OracleError},
 };
-use crate::terrain::SceneScale;
+use crate::{roam::Fidelity, session::fidelity_to_wire, terrain::SceneScale};
 
 /// Side of the theatre in metres, where the terrain is that large.
 pub const THEATRE_SIDE_M: f64 = 24_000.0;
@@ -79,7 +79,7 @@ pub struct Scenario {
     /// Height of all ends above ground, in height units.
     pub above: f64,
     /// What every line asks of meshes.
-    pub fidelity: v1::Fidelity,
+    pub fidelity: Fidelity,
 }
 
 /// The exercise at one tick, as the finest terrain has it.
@@ -142,7 +142,7 @@ impl Scenario {
                 None => {
                     let ends = self.ends(line, tick, oracle)?;
                     let verdict = ends.map_or(Ok(v1::Verdict::Unknown), |ends| oracle.verdict(ends))?;
-                    StatedLine { ends, verdict, fidelity: self.fidelity }
+                    StatedLine { ends, verdict, fidelity: fidelity_to_wire(self.fidelity).0 }
                 }
             };
             lines.insert(id, state);
@@ -160,7 +160,7 @@ pub struct Wish {
     /// Ticks that the run will last.
     pub ticks: u64,
     /// What every line asks of meshes.
-    pub fidelity: v1::Fidelity,
+    pub fidelity: Fidelity,
     /// Everything follows from it.
     pub seed: u64,
 }

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{
-    Anchor, EYE_LINE_ID, Entity, Exercise, LineState, MAX_CHANGES, MAX_ENTITIES, MAX_SIGHT_LINES, PlaceError,
-    SightLine, Site,
+    Anchor, EYE_LINE_ID, Entity, Exercise, GroundState, LineState, MAX_CHANGES, MAX_ENTITIES, MAX_SIGHT_LINES,
+    PlaceError, SightLine, Site,
 };
 use crate::{
     los::{self, LosError, Verdict},
@@ -141,6 +141,7 @@ impl Exercise {
         }
         for &id in &change.remove_entities {
             self.entities.remove(&id).ok_or(ChangeError::Missing { thing: Thing::Entity, id })?;
+            self.grounds.remove(&id);
         }
         Ok(())
     }
@@ -156,6 +157,11 @@ impl Exercise {
             let (thing, id) = (Thing::Entity, entity.id);
             site.grid_from_place(field, &entity.place, 0.0).map_err(|error| ChangeError::Place { thing, id, error })?;
             self.entities.insert(id, *entity);
+            let failed = |error| ChangeError::Place { thing, id, error };
+            match site.ground_band(field, entity).map_err(failed)? {
+                Some(band) => self.grounds.insert(id, GroundState { entity: id, band }),
+                None => self.grounds.remove(&id),
+            };
         }
         let mut moved = BTreeMap::new();
         for line in &change.put_sight_lines {
@@ -165,7 +171,7 @@ impl Exercise {
             if let Some(before) = self.lines.get(&line.id).cloned() {
                 self.release(&before.line);
             }
-            self.anchored.extend(followed(line).map(|entity| (entity, line.id)));
+            self.anchored.extend(line.entities().map(|entity| (entity, line.id)));
             moved.insert(line.id, *line);
         }
         for entity in &change.put_entities {
@@ -179,14 +185,14 @@ impl Exercise {
     }
 
     fn release(&mut self, line: &SightLine) {
-        for entity in followed(line) {
+        for entity in line.entities() {
             self.anchored.remove(&(entity, line.id));
         }
     }
 
     fn check_anchors(&self, change: &Change) -> Result<(), ChangeError> {
         for line in &change.put_sight_lines {
-            if let Some(entity) = followed(line).find(|id| !self.entities.contains_key(id)) {
+            if let Some(entity) = line.entities().find(|id| !self.entities.contains_key(id)) {
                 return Err(ChangeError::UnknownEntity { line: line.id, entity });
             }
         }
@@ -221,10 +227,14 @@ impl Exercise {
         let before = self.lines.get(&line.id);
         let (a, b) = (self.end(line, &line.a, site, field)?, self.end(line, &line.b, site, field)?);
         let resolved = a.zip(b).map(|(a, b)| [a, b]);
-        let known = before.filter(|before| same_bits(before.resolved, resolved));
+        let (thing, id) = (Thing::SightLine, line.id);
+        let failed = |error| ChangeError::Place { thing, id, error };
+        let active = resolved.map_or(Ok(true), |ends| site.is_active(line, ends)).map_err(failed)?;
+        let known = before.filter(|before| same_bits(before.resolved, resolved) && before.active == active);
         let verdict = match (known, resolved) {
             (Some(before), _) => before.verdict,
             (None, None) => Verdict::Unknown,
+            (None, Some(_)) if !active => Verdict::Unknown,
             (None, Some([a, b])) => {
                 los::line_of_sight(field, a, b, los::Options::default())
                     .map_err(|error| ChangeError::Verdict { line: line.id, error })?
@@ -234,7 +244,7 @@ impl Exercise {
         let same = known
             .filter(|before| (before.line.fidelity, before.line.priority) == (line.fidelity, line.priority))
             .map(|before| before.since_epoch);
-        Ok(LineState { line: *line, resolved, verdict, since_epoch: same.unwrap_or(self.epoch) })
+        Ok(LineState { line: *line, resolved, active, verdict, since_epoch: same.unwrap_or(self.epoch) })
     }
 
     fn end(
@@ -254,14 +264,6 @@ impl Exercise {
         let (thing, id) = (Thing::SightLine, line.id);
         site.grid_from_place(field, place, offset_m).map_err(|error| ChangeError::Place { thing, id, error })
     }
-}
-
-/// The entities that a line follows.
-fn followed(line: &SightLine) -> impl Iterator<Item = u64> {
-    [line.a, line.b].into_iter().filter_map(|anchor| match anchor {
-        Anchor::Entity { id, .. } => Some(id),
-        Anchor::Point(_) => None,
-    })
 }
 
 fn same_bits(p: Option<[[f64; 3]; 2]>, q: Option<[[f64; 3]; 2]>) -> bool {

@@ -38,6 +38,8 @@ pub struct Entity {
     pub id: u64,
     /// Where it is.
     pub place: Place,
+    /// Each mesh is to be within so many metres of the finest surface at its place; above 0 and finite.
+    pub ground_m: Option<f64>,
 }
 
 /// One end of a registered sight line.
@@ -67,6 +69,40 @@ pub struct SightLine {
     pub fidelity: Fidelity,
     /// Lines are satisfied in order of priority, least first, then id.
     pub priority: u32,
+    /// Beyond this length in the scene frame, in metres, the line is inactive. Not negative.
+    pub range_m: Option<f64>,
+    /// With an end outside, the line is inactive, too.
+    pub region: Option<Disc>,
+}
+
+impl SightLine {
+    /// The entities that the line follows.
+    pub fn entities(&self) -> impl Iterator<Item = u64> + use<> {
+        [self.a, self.b].into_iter().filter_map(|anchor| match anchor {
+            Anchor::Entity { id, .. } => Some(id),
+            Anchor::Point(_) => None,
+        })
+    }
+}
+
+/// A disc in plan.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Disc {
+    /// East and north of its middle in `frame`.
+    pub centre: [f64; 2],
+    /// The frame.
+    pub frame: Frame,
+    /// Its radius in metres in the scene frame: finite and not negative.
+    pub radius_m: f64,
+}
+
+/// What an entity asks of each mesh at one epoch.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct GroundState {
+    /// The entity.
+    pub entity: u64,
+    /// The points between which the mesh must pass, in the grid frame: upper, lower.
+    pub band: [[f64; 3]; 2],
 }
 
 /// A sight line as it stands at one epoch.
@@ -76,9 +112,11 @@ pub struct LineState {
     pub line: SightLine,
     /// Its ends in the grid frame; `None` when an end has no ground below it.
     pub resolved: Option<[[f64; 3]; 2]>,
-    /// The exact verdict on the finest terrain. UNKNOWN where there are no ends.
+    /// Whether the line is within its range and region.
+    pub active: bool,
+    /// The exact verdict on the finest terrain. UNKNOWN where there are no ends, and of an inactive line.
     pub verdict: Verdict,
-    /// The epoch since which ends, verdict, fidelity and priority are these.
+    /// The epoch since which ends, verdict, fidelity, priority and activity are these.
     pub since_epoch: u64,
 }
 
@@ -97,6 +135,8 @@ pub struct Exercise {
     epoch: u64,
     entities: BTreeMap<u64, Entity>,
     lines: BTreeMap<u64, Arc<LineState>>,
+    /// Of the entities that ask for ground and have any.
+    grounds: BTreeMap<u64, GroundState>,
     /// (entity, sight line) for each end that follows an entity.
     anchored: BTreeSet<(u64, u64)>,
 }
@@ -108,8 +148,14 @@ impl Exercise {
         if name.is_empty() || name.len() > MAX_NAME_LENGTH || !name.chars().all(letter) {
             return Err(NameError(name.chars().take(MAX_NAME_LENGTH).collect()));
         }
-        let (entities, lines) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { name: name.to_owned(), epoch: 0, entities, lines, anchored: BTreeSet::new() })
+        Ok(Self {
+            name: name.to_owned(),
+            epoch: 0,
+            entities: BTreeMap::new(),
+            lines: BTreeMap::new(),
+            grounds: BTreeMap::new(),
+            anchored: BTreeSet::new(),
+        })
     }
 
     /// Its name.
@@ -130,6 +176,11 @@ impl Exercise {
     /// Its sight lines at this epoch, by id.
     pub fn sight_lines(&self) -> impl ExactSizeIterator<Item = &LineState> {
         self.lines.values().map(|line| &**line)
+    }
+
+    /// What entities ask of each mesh, by entity.
+    pub fn grounds(&self) -> impl ExactSizeIterator<Item = &GroundState> {
+        self.grounds.values()
     }
 
     /// One sight line.

@@ -3,7 +3,10 @@
 //! The verdict is exact for the resolved point, which every reply carries, so the rounding here is seen by everyone
 //! alike and by no one twice.
 
+use glam::DVec3;
 use thiserror::Error;
+
+use super::{Entity, SightLine};
 
 use crate::{
     los::{self, LosError},
@@ -87,6 +90,32 @@ impl Site {
             return Err(PlaceError::NotFinite([x, y, 0.0]));
         }
         Ok([x_grid, y_grid])
+    }
+
+    /// Whether a sight line with these ends is within its range and region. Rounded: no verdict hangs on it.
+    pub(super) fn is_active(&self, line: &SightLine, ends: [[f64; 3]; 2]) -> Result<bool, PlaceError> {
+        let [a, b] = ends.map(|end| self.scale.scene_from_grid(DVec3::from_array(end)));
+        let in_range = line.range_m.is_none_or(|range_m| a.distance(b) <= range_m);
+        let Some(region) = &line.region else { return Ok(in_range) };
+        let [x, y] = self.grid_from_plan(region.frame, region.centre[0], region.centre[1])?;
+        let centre = self.scale.scene_from_grid(DVec3::new(x, y, 0.0)).truncate();
+        Ok(in_range && [a, b].iter().all(|end| end.truncate().distance(centre) <= region.radius_m))
+    }
+
+    /// The points between which a mesh must pass so that it is within an entity's `ground_m` of the finest surface at its
+    /// place, each moved outward to an f64; `None` when it asks for nothing or stands over unknown ground.
+    pub(super) fn ground_band(
+        &self,
+        field: &impl HeightField,
+        entity: &Entity,
+    ) -> Result<Option<[[f64; 3]; 2]>, PlaceError> {
+        let Some(ground_m) = entity.ground_m else { return Ok(None) };
+        let [x, y] = self.grid_from_plan(entity.place.frame, entity.place.position[0], entity.place.position[1])?;
+        let height = ground_m / self.scale.up_m;
+        let above = los::on_ground(field, x, y, height)?;
+        // The step below the least f64 that is not below what is asked for.
+        let below = los::on_ground(field, x, y, -height)?.map(f64::next_down);
+        Ok(above.zip(below).map(|(above, below)| [[x, y, above], [x, y, below]]))
     }
 
     /// Height units in one unit of the third coordinate of `frame`.

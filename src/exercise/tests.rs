@@ -15,12 +15,12 @@ fn grid(x: f64, y: f64, z: f64, altitude: Altitude) -> Place {
 }
 
 fn entity(id: u64, x: f64, y: f64) -> Entity {
-    Entity { id, place: grid(x, y, 2.0, Altitude::AboveGround) }
+    Entity { id, place: grid(x, y, 2.0, Altitude::AboveGround), ground_m: None }
 }
 
 fn between(id: u64, a: u64, b: u64) -> SightLine {
     let end = |id| Anchor::Entity { id, offset_m: 1.0 };
-    SightLine { id, a: end(a), b: end(b), fidelity: Fidelity::Verdict, priority: 0 }
+    SightLine { id, a: end(a), b: end(b), fidelity: Fidelity::Verdict, priority: 0, range_m: None, region: None }
 }
 
 fn put(entities: Vec<Entity>, lines: Vec<SightLine>) -> Change {
@@ -98,7 +98,7 @@ fn what_is_wrong_is_refused_by_name() {
     let lines = (0..=MAX_SIGHT_LINES as u64).map(|id| between(id, 1, 1)).collect();
     assert!(matches!(refused(&put(vec![], lines)), ChangeError::Limit { limit: MAX_SIGHT_LINES, .. }));
     let map = Place { frame: Frame::Map, ..grid(1.0, 1.0, 1.0, Altitude::Absolute) };
-    let error = refused(&put(vec![Entity { id: 4, place: map }], vec![]));
+    let error = refused(&put(vec![Entity { id: 4, place: map, ground_m: None }], vec![]));
     assert!(error.to_string().contains("no georeference"), "{error}");
     // A removal together with what follows is accepted.
     let both = exercise.changed(&remove(&[3], &[11]), &SITE, &field).unwrap();
@@ -122,7 +122,7 @@ fn an_end_without_ground_is_unknown_and_one_beyond_the_grid_too() {
 #[test]
 fn an_entity_on_the_ground_is_never_below_it() {
     let field = field();
-    let standing = |id, x, y| Entity { id, place: grid(x, y, 0.0, Altitude::AboveGround) };
+    let standing = |id, x, y| Entity { id, place: grid(x, y, 0.0, Altitude::AboveGround), ground_m: None };
     let foot = |id| Anchor::Entity { id, offset_m: 0.0 };
     for (x, y) in [(0.1, 0.7), (33.3, 21.7), (12.0, 12.5), (69.0, 49.0)] {
         let line = SightLine { a: foot(1), b: foot(1), ..between(1, 1, 1) };
@@ -197,4 +197,52 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn a_line_out_of_its_range_or_region_is_inactive_until_it_is_back() {
+    let field = field();
+    let first = started(&field);
+    let asked = first.sight_line(11).unwrap();
+    let [a, b] = asked.resolved.unwrap().map(|end| SITE.scale.scene_from_grid(glam::DVec3::from_array(end)));
+    let length_m = a.distance(b);
+    let disc = |radius_m| Some(Disc { centre: [30.0, 8.0], frame: Frame::Grid, radius_m });
+    let put_line = |line: SightLine| first.changed(&put(vec![], vec![line]), &SITE, &field).unwrap();
+    for (range_m, region, active) in [
+        (Some(length_m + 1.0), None, true),
+        (Some(length_m - 1.0), None, false),
+        (None, disc(500.0), true),
+        (None, disc(100.0), false),
+        (Some(length_m + 1.0), disc(100.0), false),
+    ] {
+        let next = put_line(SightLine { range_m, region, ..asked.line });
+        let state = next.sight_line(11).unwrap();
+        assert_eq!((state.active, state.resolved), (active, asked.resolved));
+        let expected = if active { (asked.verdict, 1) } else { (los::Verdict::Unknown, 2) };
+        assert_eq!((state.verdict, state.since_epoch), expected);
+        let back = next.changed(&put(vec![], vec![asked.line]), &SITE, &field).unwrap();
+        assert_eq!(back.sight_line(11).unwrap().verdict, asked.verdict);
+    }
+    // By its own motion, too.
+    let near = put_line(SightLine { range_m: Some(300.0), ..asked.line });
+    assert!(!near.sight_line(11).unwrap().active);
+    let near = near.changed(&put(vec![entity(2, 40.0, 10.0)], vec![]), &SITE, &field).unwrap();
+    let state = near.sight_line(11).unwrap();
+    let [a, b] = state.resolved.unwrap();
+    assert!(state.active);
+    assert_eq!(state.verdict, los::line_of_sight(&field, a, b, Options::default()).unwrap().verdict);
+}
+
+#[test]
+fn the_band_of_an_entity_holds_what_it_asks_for_and_hardly_more() {
+    let field = field();
+    let change = put(vec![Entity { ground_m: Some(0.75), ..entity(9, 12.3, 45.6) }], vec![]);
+    let asking = Exercise::new("test").unwrap().changed(&change, &SITE, &field).unwrap();
+    let ground = *asking.grounds().next().unwrap();
+    let [[x, y, above], [_, _, below]] = ground.band;
+    let surface = los::surface_height(&field, x, y).unwrap().unwrap();
+    assert_eq!((ground.entity, x, y), (9, 12.3, 45.6));
+    assert!(above >= surface + 0.75 - 1e-9 && below <= surface - 0.75 + 1e-9 && above - below < 1.5 + 1e-9);
+    let gone = asking.changed(&put(vec![entity(9, 12.3, 45.6)], vec![]), &SITE, &field).unwrap();
+    assert_eq!(gone.grounds().len(), 0);
 }

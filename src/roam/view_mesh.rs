@@ -1,4 +1,5 @@
-//! The mesh of one view: a pure function of terrain, camera, target and sight lines, found from frame to frame.
+//! The mesh of one view: a pure function of terrain, camera and target without sight lines; with them, of all updates since
+//! the view was opened.
 
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use sightline_proto::{
 use super::{
     MeshError, Options, RequiredLine, Target, Terrain, Work,
     queues::{Allowance, DualQueue},
-    requirements::{Limits, Outcome, Requirements},
+    requirements::{Outcome, Requirements},
 };
 use crate::{
     terrain::{ReadError, SceneScale},
@@ -31,8 +32,14 @@ pub struct MeshReport {
     pub removed: Vec<Post>,
     /// Ids of the lines that do not hold on this mesh, ascending: exactly those.
     pub unsatisfied: Vec<u64>,
-    /// Triangles of the posts that the lines require and that the plain mesh lacks.
-    pub stolen: u32,
+    /// For each of them, the triangles that it lacked beside the lines before it when it was given up: no less are
+    /// needed. 0 for a line that no mesh can help.
+    pub lacking: Vec<u32>,
+    /// Ids of the lines of fidelity GROUND that do not hold on this mesh, ascending: exactly those. They are not among
+    /// `unsatisfied`.
+    pub off_ground: Vec<u64>,
+    /// Triangles of the posts that the lines require; the plain mesh may have some of them, too.
+    pub required: u32,
     /// What it took.
     pub work: Work,
 }
@@ -52,7 +59,7 @@ impl<T: Terrain> ViewMesh<T> {
     /// A mesh of two triangles over `terrain`, whose grid has the `scale`.
     pub fn new(terrain: Arc<T>, scale: SceneScale) -> Result<Self, ReadError> {
         let queue = DualQueue::new(terrain, scale)?;
-        let (requirements, report) = (Requirements::default(), MeshReport::default());
+        let (requirements, report) = (Requirements::new(queue.grid()), MeshReport::default());
         Ok(Self { queue, options: Options::default(), requirements, made_for: None, report })
     }
 
@@ -76,17 +83,21 @@ impl<T: Terrain> ViewMesh<T> {
     /// Makes the mesh what `camera`, `target` and `lines` ask for. Ids are unique; the order of the lines is their
     /// own.
     ///
-    /// The result depends on the arguments and the terrain alone, not on earlier updates, whether they succeeded or
-    /// not; only the cost does.
+    /// Without lines the result depends on the arguments and the terrain alone, not on earlier updates, whether they
+    /// succeeded or not; only the cost does. What lines require is kept from update to update, so with lines the same
+    /// sequence of updates gives the same meshes, and the same update twice changes nothing.
     pub fn update(&mut self, camera: &Camera, target: Target, lines: &[RequiredLine]) -> Result<MeshReport, MeshError> {
         let (max, threshold) = target.limits()?;
         self.queue.begin(&self.options);
         let unchanged = matches!(&self.made_for, Some((c, t, l)) if c == camera && *t == target && l == lines);
         if !unchanged {
             self.made_for = None;
-            let limits = Limits { camera, allowed: Allowance { max, threshold } };
-            let Outcome { unsatisfied, stolen } = self.refine(limits, lines)?;
-            (self.report.unsatisfied, self.report.stolen) = (unsatisfied, stolen);
+            let limits = Allowance { max, threshold };
+            self.queue.look(camera)?;
+            let Outcome { unsatisfied, off_ground, required } =
+                self.requirements.satisfy(&mut self.queue, limits, lines)?;
+            (self.report.unsatisfied, self.report.lacking) = unsatisfied.into_iter().unzip();
+            (self.report.off_ground, self.report.required) = (off_ground, required);
             self.report.bound_px = self.queue.bound();
             self.queue.settle(threshold);
             // Cut short, the mesh is not yet what was asked for.
@@ -98,17 +109,17 @@ impl<T: Terrain> ViewMesh<T> {
         Ok(self.report.clone())
     }
 
-    /// The plain mesh first, with nothing left of earlier requirements; then the lines.
-    fn refine(&mut self, limits: Limits<'_>, lines: &[RequiredLine]) -> Result<Outcome, ReadError> {
-        self.queue.look(limits.camera)?;
-        self.queue.release();
-        self.queue.refine(limits.allowed)?;
-        self.requirements.satisfy(&mut self.queue, limits, lines)
-    }
-
     /// How many posts are held in memory: the active ones and those that could be split next.
     pub fn posts_held(&self) -> usize {
         self.queue.posts_held()
+    }
+
+    /// Triangles of the posts that this mesh has and `plain` lacks: stolen by lines, if that is the mesh of the same
+    /// view and budget without any.
+    pub fn stolen_from(&self, plain: &Self) -> u64 {
+        let root = self.root();
+        let lacked = self.queue.active().filter(|&(p, _)| plain.height(p).is_none());
+        lacked.map(|(p, _)| root.triangles(p).count() as u64).sum()
     }
 
     /// Checks what the queues take for granted.

@@ -4,7 +4,7 @@ use sightline_proto::v1;
 use tonic::Status;
 
 use crate::{
-    exercise::{Altitude, Anchor, Change, Entity, Frame, LineState, Place, SightLine, Site},
+    exercise::{Altitude, Anchor, Change, Disc, Entity, Frame, LineState, Place, SightLine, Site},
     los::{Earth, LosError, Options, Precision, Verdict},
     roam::Fidelity,
 };
@@ -93,17 +93,39 @@ fn anchor(anchor: Option<v1::Anchor>, what: &str) -> Result<Anchor, Status> {
 
 fn sight_line(line: &v1::SightLine) -> Result<SightLine, Status> {
     use v1::Fidelity as Wire;
+    let distance_m = line.obstruction_distance_m;
+    if !(distance_m >= 0.0 && distance_m.is_finite()) {
+        let what = format!("obstruction_distance_m is {distance_m}: it must be finite and not negative");
+        return Err(Status::invalid_argument(what));
+    }
     let fidelity = match Wire::try_from(line.fidelity).map_err(|_| unknown("fidelity", line.fidelity))? {
         Wire::Unspecified | Wire::Verdict => Fidelity::Verdict,
         Wire::Wedgie => Fidelity::Wedgie,
         Wire::Profile => Fidelity::Profile,
+        Wire::Obstruction => Fidelity::Obstruction { distance_m },
     };
     let (a, b) = (anchor(line.a, "end a")?, anchor(line.b, "end b")?);
-    Ok(SightLine { id: line.id, a, b, fidelity, priority: line.priority })
+    let not_negative = |what: &str, value: f64| match value >= 0.0 && value.is_finite() {
+        true => Ok(value),
+        false => Err(Status::invalid_argument(format!("{what} is {value}: it must be finite and not negative"))),
+    };
+    let range_m = Some(not_negative("range_m", line.range_m)?).filter(|&range_m| range_m > 0.0);
+    let disc = |disc: v1::Disc| {
+        let v1::Position { x, y, .. } = disc.centre.ok_or_else(|| missing("region.centre"))?;
+        let (frame, radius_m) = (frame(disc.frame)?, not_negative("region.radius_m", disc.radius_m)?);
+        Ok::<_, Status>(Disc { centre: [x, y], frame, radius_m })
+    };
+    let region = line.region.map(disc).transpose()?;
+    Ok(SightLine { id: line.id, a, b, fidelity, priority: line.priority, range_m, region })
 }
 
 fn entity(entity: &v1::Entity) -> Result<Entity, Status> {
-    Ok(Entity { id: entity.id, place: place(entity.position, entity.frame, entity.altitude)? })
+    if !(entity.ground_m >= 0.0 && entity.ground_m.is_finite()) {
+        let what = format!("ground_m is {}: it must be finite and not negative", entity.ground_m);
+        return Err(Status::invalid_argument(what));
+    }
+    let ground_m = Some(entity.ground_m).filter(|&ground_m| ground_m > 0.0);
+    Ok(Entity { id: entity.id, place: place(entity.position, entity.frame, entity.altitude)?, ground_m })
 }
 
 pub(super) fn change(request: &v1::ChangeExerciseRequest) -> Result<Change, Status> {
@@ -142,6 +164,7 @@ pub(super) fn entity_to_wire(entity: &Entity) -> v1::Entity {
         position: Some(position_to_wire(entity.place.position)),
         frame: frame.into(),
         altitude: altitude.into(),
+        ground_m: entity.ground_m.unwrap_or(0.0),
     }
 }
 

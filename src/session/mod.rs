@@ -121,6 +121,7 @@ pub struct View<T: Terrain> {
     /// The mesh of the last frame sent.
     sent: Replica,
     unsatisfied: BTreeSet<u64>,
+    off_ground: BTreeSet<u64>,
     acknowledged: u64,
     /// The epoch of the last update sent, and of each line in it the epoch since which it is so.
     announced: Option<u64>,
@@ -154,6 +155,7 @@ impl<T: Terrain> View<T> {
             sent: coarsest.clone(),
             coarsest,
             unsatisfied: BTreeSet::new(),
+            off_ground: BTreeSet::new(),
             acknowledged: 0,
             announced: None,
             announced_lines: BTreeMap::new(),
@@ -236,7 +238,12 @@ impl<T: Terrain> View<T> {
         let mesh = self.coarsest.with_posts(integer_posts(&self.mesh)?, sequence)?;
         let base = (!self.snapshot_due).then_some(&self.sent);
         let unsatisfied: BTreeSet<u64> = report.unsatisfied.iter().copied().collect();
-        let before = if self.snapshot_due { BTreeSet::new() } else { std::mem::take(&mut self.unsatisfied) };
+        let off_ground: BTreeSet<u64> = report.off_ground.iter().copied().collect();
+        if self.snapshot_due {
+            (self.unsatisfied, self.off_ground) = Default::default();
+        }
+        let newly = |(id, _): &(&u64, &u32)| !self.unsatisfied.contains(*id);
+        let now_unsatisfied = report.unsatisfied.iter().zip(&report.lacking).filter(newly).map(unsatisfied_line);
         let frame = v1::Frame {
             sequence,
             base_sequence: base.map_or(0, Replica::sequence),
@@ -246,13 +253,15 @@ impl<T: Terrain> View<T> {
             triangle_count: mesh.triangle_count(),
             distortion_bound_px: report.bound_px,
             mesh_hash: mesh.hash(),
-            now_unsatisfied: unsatisfied.difference(&before).map(|&id| unsatisfied_line(id)).collect(),
-            no_longer_unsatisfied: before.difference(&unsatisfied).copied().collect(),
+            now_unsatisfied: now_unsatisfied.collect(),
+            no_longer_unsatisfied: self.unsatisfied.difference(&unsatisfied).copied().collect(),
+            now_off_ground: off_ground.difference(&self.off_ground).copied().collect(),
+            no_longer_off_ground: self.off_ground.difference(&off_ground).copied().collect(),
             // Told by whoever sends it.
             held_back_ms: 0,
         };
         let update = self.exercise_update();
-        (self.sent, self.unsatisfied) = (mesh, unsatisfied);
+        (self.sent, self.unsatisfied, self.off_ground) = (mesh, unsatisfied, off_ground);
         (self.frame_due, self.snapshot_due) = (false, false);
         Ok(update.map(Response::Exercise).into_iter().chain([Response::Frame(frame)]).collect())
     }
@@ -269,9 +278,24 @@ impl<T: Terrain> View<T> {
         lines.filter(|state| subscription.contains(state.line.id))
     }
 
-    /// What the mesh must honour: the lines that have ends, and the eye.
+    /// What entities ask, as far as the view is subscribed to it: of all lines, or of those that follow the entity.
+    fn grounds(&self) -> Vec<RequiredLine> {
+        let Some(exercise) = &self.wanted.exercise else { return Vec::new() };
+        let grounds = exercise.grounds().map(|ground| RequiredLine::of_ground(ground.entity, ground.band));
+        match self.wanted.settings.subscription {
+            Subscription::All => grounds.collect(),
+            Subscription::None => Vec::new(),
+            Subscription::List(_) => {
+                let followed: BTreeSet<u64> = self.lines().flat_map(|state| state.line.entities()).collect();
+                grounds.filter(|ground| followed.contains(&ground.id)).collect()
+            }
+        }
+    }
+
+    /// What the mesh must honour: the lines that have ends, the ground of entities, and the eye.
     fn required(&self) -> Result<Vec<RequiredLine>, LosError> {
         let mut required: Vec<_> = self.lines().filter_map(required_line).collect();
+        required.extend(self.grounds());
         if self.wanted.settings.subscription != Subscription::None {
             let eye = self.scale.grid_from_scene(self.wanted.pose.eye_m).to_array();
             required.extend(RequiredLine::of_eye(&*self.terrain, EYE_LINE_ID, eye)?);
@@ -322,8 +346,8 @@ fn integer_posts<T: Terrain>(mesh: &ViewMesh<T>) -> Result<Vec<(Post, i32)>, Fra
     mesh.active_posts().into_iter().map(exact).collect()
 }
 
-fn unsatisfied_line(id: u64) -> v1::UnsatisfiedLine {
-    v1::UnsatisfiedLine { id, reason: v1::UnsatisfiedReason::Budget.into() }
+fn unsatisfied_line((&id, &lacking_triangles): (&u64, &u32)) -> v1::UnsatisfiedLine {
+    v1::UnsatisfiedLine { id, reason: v1::UnsatisfiedReason::Budget.into(), lacking_triangles }
 }
 
 fn required_line(state: &LineState) -> Option<RequiredLine> {
@@ -333,25 +357,35 @@ fn required_line(state: &LineState) -> Option<RequiredLine> {
     Some(RequiredLine { id, a, b, verdict, fidelity, priority })
 }
 
+/// A fidelity of a sight line as a message has it: with the distance of an obstruction in metres, 0 otherwise.
+pub fn fidelity_to_wire(fidelity: Fidelity) -> (v1::Fidelity, f64) {
+    match fidelity {
+        Fidelity::Verdict => (v1::Fidelity::Verdict, 0.0),
+        Fidelity::Obstruction { distance_m } => (v1::Fidelity::Obstruction, distance_m),
+        Fidelity::Wedgie => (v1::Fidelity::Wedgie, 0.0),
+        Fidelity::Profile => (v1::Fidelity::Profile, 0.0),
+        // What an entity asks; no sight line does.
+        Fidelity::Ground => (v1::Fidelity::Unspecified, 0.0),
+    }
+}
+
 /// A sight line at its epoch as a message.
 pub fn line_to_wire(state: &LineState) -> v1::SightLineState {
     let position = |[x, y, z]: [f64; 3]| Some(v1::Position { x, y, z });
     let (verdict, unknown_reason) = match (state.verdict, state.resolved) {
+        _ if !state.active => (v1::Verdict::Unknown, v1::UnknownReason::Inactive),
         (Verdict::Visible, _) => (v1::Verdict::Visible, v1::UnknownReason::Unspecified),
         (Verdict::Blocked, _) => (v1::Verdict::Blocked, v1::UnknownReason::Unspecified),
         (Verdict::Unknown, Some(_)) => (v1::Verdict::Unknown, v1::UnknownReason::UnknownGround),
         (Verdict::Unknown, None) => (v1::Verdict::Unknown, v1::UnknownReason::NoGround),
     };
-    let fidelity = match state.line.fidelity {
-        Fidelity::Verdict => v1::Fidelity::Verdict,
-        Fidelity::Wedgie => v1::Fidelity::Wedgie,
-        Fidelity::Profile => v1::Fidelity::Profile,
-    };
+    let (fidelity, obstruction_distance_m) = fidelity_to_wire(state.line.fidelity);
     v1::SightLineState {
         id: state.line.id,
         resolved: state.resolved.map(|[a, b]| v1::Segment { a: position(a), b: position(b) }),
         verdict: verdict.into(),
         unknown_reason: unknown_reason.into(),
         fidelity: fidelity.into(),
+        obstruction_distance_m,
     }
 }

@@ -2,6 +2,10 @@
 
 use proptest::prelude::*;
 use sightline_client::scene::{self, SceneState};
+use sightline_proto::{
+    mesh::Mesh,
+    verdict::{MeshVerdict, for_each_triangle_met, passes_above, verdict_on_mesh},
+};
 
 use super::*;
 use crate::{
@@ -50,9 +54,17 @@ fn exercise(terrain: &MemoryTerrain, lines: u64) -> Exercise {
         altitude: Altitude::AboveGround,
     };
     let end = |id| Anchor::Entity { id, offset_m: 0.0 };
-    let line = |id| SightLine { id, a: end(2 * id), b: end(2 * id + 1), fidelity: Fidelity::Verdict, priority: 0 };
+    let line = |id| SightLine {
+        id,
+        a: end(2 * id),
+        b: end(2 * id + 1),
+        fidelity: Fidelity::Verdict,
+        priority: 0,
+        range_m: None,
+        region: None,
+    };
     let change = Change {
-        put_entities: (0..2 * lines).map(|id| Entity { id, place: place(id) }).collect(),
+        put_entities: (0..2 * lines).map(|id| Entity { id, place: place(id), ground_m: None }).collect(),
         put_sight_lines: (0..lines).map(line).collect(),
         ..Change::default()
     };
@@ -396,4 +408,40 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn frames_name_entities_off_their_ground_and_say_what_lines_lack() {
+    let terrain = terrain();
+    let exercise = exercise(&terrain, 30);
+    let asking = exercise.entities().map(|entity| Entity { ground_m: Some(0.5), ..*entity }).collect();
+    let change = Change { put_entities: asking, ..Change::default() };
+    let exercise = Arc::new(exercise.changed(&change, &SITE, &*terrain).unwrap());
+    let (mut view, mut client) = opened(&terrain, &wire_settings(2, None), Some(Arc::clone(&exercise)));
+    let (mut named, mut lacking) = (Vec::new(), 0);
+    for (sequence, triangles) in [(1, 2), (2, 40), (3, 4000), (4, 60)] {
+        let settings = Some(wire_settings(triangles, None));
+        let steer = v1::SteerView { settings, applied_sequence: sequence - 1, ..Default::default() };
+        view.handle(Event::Steer(steer)).unwrap();
+        let messages = view.produce().unwrap();
+        lacking += frames(&messages)[0].now_unsatisfied.iter().map(|line| line.lacking_triangles).sum::<u32>();
+        for word in &messages {
+            client.apply(&message(word)).unwrap();
+        }
+        assert_eq!(client.silent_disagreements(), [] as [u64; 0]);
+        for ground in exercise.grounds() {
+            let [upper, lower] = ground.band;
+            let mesh = client.replica();
+            let above = verdict_on_mesh(mesh, upper, upper) == MeshVerdict::Blocked;
+            let mut below = false;
+            let _ = for_each_triangle_met(mesh, lower, lower, |t| {
+                let corners = t.corners().map(|p| [f64::from(p.i), f64::from(p.j), mesh.height(p).unwrap()]);
+                below |= passes_above(lower, lower, corners, mesh.grid_size());
+                std::ops::ControlFlow::Continue(())
+            });
+            assert_eq!(above || below, client.off_ground().contains(&ground.entity), "{triangles}: {ground:?}");
+        }
+        named.push(client.off_ground().len());
+    }
+    assert!(named[0] > 10 && named[2] == 0 && named[3] > 0 && lacking > 0, "{named:?}, {lacking}");
 }

@@ -168,7 +168,7 @@ fn pose(x: f64, y: f64) -> v1::Pose {
 
 fn entity(id: u64, x: f64, y: f64) -> v1::Entity {
     let end = end(x, y, 4.0).unwrap();
-    v1::Entity { id, position: end.position, frame: end.frame, altitude: end.altitude }
+    v1::Entity { id, position: end.position, frame: end.frame, altitude: end.altitude, ground_m: 0.0 }
 }
 
 fn between(id: u64, a: u64, b: u64) -> v1::SightLine {
@@ -176,7 +176,7 @@ fn between(id: u64, a: u64, b: u64) -> v1::SightLine {
         let anchor = v1::EntityAnchor { entity_id, height_offset_m: 0.0 };
         Some(v1::Anchor { anchor: Some(v1::anchor::Anchor::Entity(anchor)) })
     };
-    v1::SightLine { id, a: end(a), b: end(b), fidelity: 0, priority: 0 }
+    v1::SightLine { id, a: end(a), b: end(b), ..Default::default() }
 }
 
 /// An exercise of `lines` lines between entities spread over the terrain.

@@ -4,7 +4,7 @@
 //! the same state. It checks what it is told: the hash and the count of each frame, that lines are named against the
 //! frame before, that the sight lines of an epoch come before its first frame.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sightline_proto::{
     EYE_LINE_ID,
@@ -96,6 +96,7 @@ pub struct SceneState {
     epoch: u64,
     lines: BTreeMap<u64, StatedLine>,
     unsatisfied: BTreeMap<u64, v1::UnsatisfiedReason>,
+    off_ground: BTreeSet<u64>,
     last: LastFrame,
     changes: PostChanges,
 }
@@ -130,6 +131,7 @@ impl SceneState {
             epoch: 0,
             lines: BTreeMap::new(),
             unsatisfied: BTreeMap::new(),
+            off_ground: BTreeSet::new(),
             last: LastFrame::default(),
             changes: PostChanges::default(),
         })
@@ -169,6 +171,13 @@ impl SceneState {
         let unsatisfied = self.renamed(frame)?;
         self.changes = self.replica.apply_noting(frame, self.max_triangles)?;
         self.unsatisfied = unsatisfied;
+        if frame.base_sequence == 0 {
+            self.off_ground.clear();
+        }
+        for id in &frame.no_longer_off_ground {
+            self.off_ground.remove(id);
+        }
+        self.off_ground.extend(&frame.now_off_ground);
         self.last = LastFrame {
             sequence: frame.sequence,
             previous: self.last.sequence,
@@ -236,6 +245,11 @@ impl SceneState {
     /// The lines that the last frame names as unsatisfied, by id; [`EYE_LINE_ID`] stands for the viewer's eye.
     pub fn unsatisfied(&self) -> &BTreeMap<u64, v1::UnsatisfiedReason> {
         &self.unsatisfied
+    }
+
+    /// The entities from whose ground the last frame's mesh is further off than they ask.
+    pub fn off_ground(&self) -> &BTreeSet<u64> {
+        &self.off_ground
     }
 
     /// The verdict of every line with ends on this view's own mesh, by id.
@@ -361,7 +375,8 @@ mod tests {
         state.apply(&message(Response::Frame(low.clone()))).unwrap();
         assert_eq!(state.silent_disagreements(), [7]);
         low.sequence = 3;
-        low.now_unsatisfied = vec![v1::UnsatisfiedLine { id: 7, reason: v1::UnsatisfiedReason::Budget.into() }];
+        low.now_unsatisfied =
+            vec![v1::UnsatisfiedLine { id: 7, reason: v1::UnsatisfiedReason::Budget.into(), lacking_triangles: 4 }];
         state.apply(&message(Response::Frame(low))).unwrap();
         assert!(state.silent_disagreements().is_empty());
         assert_eq!(state.unsatisfied().keys().collect::<Vec<_>>(), [&7]);
@@ -373,7 +388,7 @@ mod tests {
         state.apply(&update(2, vec![line(7, 5.0, v1::Verdict::Blocked)])).unwrap();
         let good = frame(&state, 1, 2, 10);
         let early = v1::Frame { epoch: 3, ..good.clone() };
-        let unknown = v1::UnsatisfiedLine { id: 8, reason: 1 };
+        let unknown = v1::UnsatisfiedLine { id: 8, reason: 1, lacking_triangles: 0 };
         let stranger = v1::Frame { now_unsatisfied: vec![unknown], ..good.clone() };
         let never = v1::Frame { no_longer_unsatisfied: vec![7], ..good.clone() };
         let tampered = v1::Frame { mesh_hash: good.mesh_hash ^ 1, ..good.clone() };

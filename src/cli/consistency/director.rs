@@ -3,7 +3,10 @@
 use sightline_client::{Client, v1};
 
 use super::super::{Failure, connect::failure};
-use crate::evaluate::scenario::{Anchor, Scenario};
+use crate::{
+    evaluate::scenario::{Anchor, Scenario},
+    session::fidelity_to_wire,
+};
 
 /// Directs one exercise.
 pub(super) struct Director {
@@ -28,12 +31,15 @@ impl Director {
     pub(super) async fn begin(client: Client, name: &str, scenario: Scenario) -> Result<Self, Failure> {
         client.create_exercise(name).await.map_err(failure)?;
         let director = Self { client, name: name.into(), scenario, tick: 0 };
+        let (fidelity, obstruction_distance_m) = fidelity_to_wire(director.scenario.fidelity);
         let lines = (1..).zip(&director.scenario.lines).map(|(id, line)| v1::SightLine {
             id,
             a: Some(director.anchor(line.a)),
             b: Some(director.anchor(line.b)),
-            fidelity: director.scenario.fidelity.into(),
+            fidelity: fidelity.into(),
             priority: 0,
+            obstruction_distance_m,
+            ..Default::default()
         });
         let change = v1::ChangeExerciseRequest {
             name: name.into(),
@@ -87,6 +93,7 @@ impl Director {
                 position: Some(v1::Position { x, y, z: self.scenario.above }),
                 frame: v1::CoordinateFrame::Grid.into(),
                 altitude: v1::AltitudeReference::AboveGround.into(),
+                ground_m: 0.0,
             }
         };
         (0..self.scenario.entities.len()).filter(|&n| which(n)).map(entity).collect()

@@ -9,11 +9,9 @@ pub(super) mod worker;
 
 use std::{path::PathBuf, sync::Arc};
 
-use sightline_proto::v1;
-
 use super::{
     Context, Failure,
-    args::refuse_existing,
+    args::{fidelity, refuse_existing},
     generator::{runtime, write},
 };
 use crate::{
@@ -23,6 +21,7 @@ use crate::{
         sabotage::Sabotage,
         scenario::MAX_LINES,
     },
+    roam::Fidelity,
 };
 use run::{ClientPlan, Outcome, Plan};
 use server::LocalServer;
@@ -59,8 +58,8 @@ pub(super) struct Args {
     /// Triangle budgets of the first and the last client; those between are spaced evenly by ratio.
     #[arg(long, value_name = "A..B", default_value = "1000..50000", value_parser = budgets)]
     budgets: [u32; 2],
-    /// What every sight line asks of each mesh.
-    #[arg(long, value_enum, default_value_t = Fidelity::Verdict)]
+    /// What every sight line asks of each mesh: verdict, obstruction:M (metres), wedgie or profile.
+    #[arg(long, value_name = "F", default_value = "verdict", value_parser = fidelity)]
     fidelity: Fidelity,
     /// Draw the sight lines, and where plain meshes are wrong, to this file.
     #[arg(long, value_name = "F.png")]
@@ -77,13 +76,6 @@ pub(super) struct Args {
     /// Falsify one thing in the last client, to see that the test notices.
     #[arg(long, value_enum, hide = true)]
     sabotage: Option<SabotageName>,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum Fidelity {
-    Verdict,
-    Wedgie,
-    Profile,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -186,11 +178,7 @@ impl Args {
             sight_lines: self.sight_lines,
             frames: self.frames,
             seed: self.seed,
-            fidelity: match self.fidelity {
-                Fidelity::Verdict => v1::Fidelity::Verdict,
-                Fidelity::Wedgie => v1::Fidelity::Wedgie,
-                Fidelity::Profile => v1::Fidelity::Profile,
-            },
+            fidelity: self.fidelity,
             viewport_px: VIEWPORT_PX,
             sabotage: self.sabotage.map(|kind| {
                 let kind = match kind {

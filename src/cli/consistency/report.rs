@@ -10,6 +10,7 @@ use super::{
 use crate::{
     database::Database,
     evaluate::consistency::{ClientTally, percent},
+    session::fidelity_to_wire,
     terrain::{HeightField, Posts},
 };
 
@@ -105,7 +106,7 @@ pub(in super::super) fn document(plan: &Plan, outcome: &Outcome, database: &Data
         })
         .collect();
     serde_json::json!({
-        "terrain_version": hex(&database.version()), "seed": plan.seed, "fidelity": plan.fidelity.as_str_name(),
+        "terrain_version": hex(&database.version()), "seed": plan.seed, "fidelity": fidelity_to_wire(plan.fidelity).0.as_str_name(),
         "sight_lines": outcome.scenario.lines.len(), "entities": outcome.scenario.entities.len(),
         "frames": plan.frames, "clients": clients, "all": total, "checks": checks,
         "visible_percent": percent(checks.visible, checks.visible + checks.blocked),

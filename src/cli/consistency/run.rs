@@ -28,7 +28,7 @@ use crate::{
         sabotage::Sabotage,
         scenario::{self, Scenario, Truth, Wish},
     },
-    roam::{Target, ViewMesh},
+    roam::{Fidelity, Target, ViewMesh},
     terrain::synthetic::mix,
     view::{Camera, Projection},
 };
@@ -59,7 +59,7 @@ pub(in super::super) struct Plan {
     pub(in super::super) sight_lines: usize,
     pub(in super::super) frames: usize,
     pub(in super::super) seed: u64,
-    pub(in super::super) fidelity: v1::Fidelity,
+    pub(in super::super) fidelity: Fidelity,
     pub(in super::super) viewport_px: [u32; 2],
     /// A client to be sabotaged, and how.
     pub(in super::super) sabotage: Option<(usize, Sabotage)>,

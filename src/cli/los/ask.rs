@@ -267,7 +267,8 @@ fn reply_from_wire(manner: Manner, response: v1::QueryLineOfSightResponse) -> Re
     Reply {
         verdict: verdict_name(response.verdict()),
         reason: match response.unknown_reason() {
-            v1::UnknownReason::Unspecified => None,
+            // Only registered lines are ever inactive.
+            v1::UnknownReason::Unspecified | v1::UnknownReason::Inactive => None,
             v1::UnknownReason::UnknownGround => Some(UNKNOWN_GROUND),
             v1::UnknownReason::NoGround => Some(NO_GROUND),
         },

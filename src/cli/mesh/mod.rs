@@ -74,21 +74,15 @@ pub(super) struct Args {
     /// in the frame of --coords. A line that comes first counts more when not all fit.
     #[arg(long, value_name = "F.csv")]
     lines: Option<PathBuf>,
-    /// What is asked of the lines: the right answer; no unsplit triangle whose wedgie they meet; or full detail below.
-    #[arg(long, value_enum, default_value_t = FidelityName::Verdict, requires = "lines")]
-    fidelity: FidelityName,
+    /// What is asked of the lines: verdict (the right answer), obstruction:M (and blocked within M metres of the true
+    /// place), wedgie (no unsplit triangle whose wedgie they meet) or profile (full detail below).
+    #[arg(long, value_name = "F", default_value = "verdict", value_parser = args::fidelity, requires = "lines")]
+    fidelity: Fidelity,
     #[command(flatten)]
     positions: Positions,
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
-}
-
-#[derive(clap::ValueEnum, Clone, Copy, Debug)]
-enum FidelityName {
-    Verdict,
-    Wedgie,
-    Profile,
 }
 
 /// `WxH` on the command line.
@@ -119,10 +113,18 @@ impl Args {
             MeshError::Read(error) => unreadable(error),
             error => Failure::Usage(error.to_string()),
         })?;
+        let stolen = if lines.is_empty() { 0 } else { self.stolen(&mesh, &camera)? };
         let surface = Surface::of(&mesh, database.scale());
         self.write(&surface, format)?;
-        self.tell(context, &report, &surface, &lines);
+        self.tell(context, &report, &surface, lines.len(), stolen);
         Ok(())
+    }
+
+    /// The triangles that lines took from the plain mesh.
+    fn stolen(&self, mesh: &ViewMesh<Database>, camera: &Camera) -> Result<u64, Failure> {
+        let plain = ViewMesh::new(Arc::clone(mesh.terrain()), mesh.scale()).map_err(MeshError::from);
+        let plain = plain.and_then(|mut plain| plain.update(camera, self.target(), &[]).map(|_| plain));
+        Ok(mesh.stolen_from(&plain.map_err(|error| Failure::input(self.database.display(), error))?))
     }
 
     fn to_standard_output(&self) -> bool {
@@ -180,11 +182,7 @@ impl Args {
 
     fn required_lines(&self, database: &Database) -> Result<Vec<RequiredLine>, Failure> {
         let Some(path) = &self.lines else { return Ok(Vec::new()) };
-        let fidelity = match self.fidelity {
-            FidelityName::Verdict => Fidelity::Verdict,
-            FidelityName::Wedgie => Fidelity::Wedgie,
-            FidelityName::Profile => Fidelity::Profile,
-        };
+        let fidelity = self.fidelity;
         let mut required = Vec::new();
         let text = fs::read_to_string(path).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound | io::ErrorKind::InvalidData => Failure::input(path.display(), error),
@@ -219,14 +217,14 @@ impl Args {
         written.map_err(|error| Failure::environment(format!("writing {}", self.output.display()), error))
     }
 
-    fn tell(&self, context: &Context, report: &MeshReport, surface: &Surface, lines: &[RequiredLine]) {
+    fn tell(&self, context: &Context, report: &MeshReport, surface: &Surface, lines: usize, stolen: u64) {
         let unit = if self.eye.is_some() { "px" } else { "m" };
         if context.json {
             // An infinite bound has no number in JSON: it becomes null.
             let document = json!({
                 "output": self.output, "triangles": report.triangles, "drawn_triangles": surface.triangles(),
                 "vertices": surface.vertices(), "bound": report.bound_px, "bound_unit": unit,
-                "sight_lines": lines.len(), "stolen_triangles": report.stolen,
+                "sight_lines": lines, "stolen_triangles": stolen,
                 "unsatisfied_lines": report.unsatisfied,
             });
             outln!("{document:#}");
@@ -238,8 +236,8 @@ impl Args {
                 surface.vertices(),
                 report.bound_px
             );
-            if !lines.is_empty() {
-                errln!("{} sight lines took {} triangles", lines.len(), report.stolen);
+            if lines > 0 {
+                errln!("{lines} sight lines took {stolen} triangles");
             }
         }
         if !context.quiet && report.triangles == MAX_TRIANGLES {

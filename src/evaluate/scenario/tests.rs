@@ -18,7 +18,7 @@ fn world(seed: u64) -> Scenario {
     let (field, none) = (field(), Vec::<Replica>::new());
     let mut oracle = FieldOracle(&field);
     let theatre = choose_theatre(SCALE, seed, &mut oracle).unwrap();
-    let wish = Wish { lines: 40, ticks: 30, fidelity: v1::Fidelity::Verdict, seed };
+    let wish = Wish { lines: 40, ticks: 30, fidelity: Fidelity::Verdict, seed };
     choose(wish, theatre, SCALE, &none, &mut oracle).unwrap()
 }
 

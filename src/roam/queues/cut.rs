@@ -72,7 +72,7 @@ impl<T: Terrain> DualQueue<T> {
     fn little_is_left(&self) -> bool {
         let step = (self.nodes.len() / SAMPLES).max(1);
         let (mut asked, mut left) = (0, 0);
-        for node in self.nodes.active().step_by(step) {
+        for node in self.nodes.active().filter(|node| !node.required).step_by(step) {
             asked += 1;
             left += usize::from(self.priority(node, Planes::default()).0 > 0.5 * self.cut);
         }

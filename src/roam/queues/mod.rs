@@ -25,7 +25,7 @@ use sightline_proto::{
     mesh::Mesh,
 };
 
-pub(super) use nodes::{KeyHasher, KeyMap};
+pub(super) use nodes::KeyMap;
 use nodes::{List, Nodes, Side};
 use pace::{Guard, Pace};
 use place::{Heap, Place};
@@ -33,7 +33,7 @@ use place::{Heap, Place};
 use super::{Options, Terrain, reader::Reader};
 use crate::{
     terrain::{Grid, ReadError, SceneScale},
-    view::Camera,
+    view::{Camera, Planes},
 };
 
 /// What an update did, counted.
@@ -75,7 +75,6 @@ pub(super) struct DualQueue<T> {
     /// The hot posts of each side by place, least first for merging; may hold stale entries.
     split_queue: Heap<Place>,
     merge_queue: Heap<Reverse<Place>>,
-    required: Vec<Post>,
     triangles: u64,
     /// The priority at which the mesh ends.
     cut: f64,
@@ -108,7 +107,6 @@ impl<T: Terrain> DualQueue<T> {
             merge_guard: Guard::new(Side::Merge),
             split_queue: Heap::new(),
             merge_queue: Heap::new(),
-            required: Vec::new(),
             triangles: 2,
             cut: 0.0,
             operations_left: u64::MAX,
@@ -181,7 +179,7 @@ impl<T: Terrain> DualQueue<T> {
     /// Bytes of memory held.
     pub(super) fn bytes(&self) -> usize {
         let heaps = (self.split_queue.heap.capacity() + self.merge_queue.heap.capacity()) * size_of::<Place>();
-        let posts = (self.required.capacity() + self.toggled.capacity()) * size_of::<Post>();
+        let posts = self.toggled.capacity() * size_of::<Post>();
         self.nodes.bytes() + heaps + posts
     }
 
@@ -224,37 +222,52 @@ impl<T: Terrain> DualQueue<T> {
         self.operations_left == 0
     }
 
-    /// Makes `posts`, a set that holds the parents of its members, required beside those that already are. Coarse
-    /// posts come first.
+    /// Makes `posts` required beside those that already are. With its parents required, too, before it, where they are
+    /// not.
     pub(super) fn require(&mut self, posts: &[Post]) -> Result<(), ReadError> {
         for &post in posts {
             let slot = self.nodes.slot(post).expect("required posts come after their parents");
-            let node = self.nodes.get_mut(slot);
-            if !node.required {
-                node.required = true;
-                self.required.push(post);
-            }
-            if node.active {
-                self.nodes.put(slot, List::NONE);
-            } else {
+            if !self.nodes.get(slot).active {
                 self.split(slot)?;
             }
+            self.nodes.get_mut(slot).required = true;
+            self.nodes.put(slot, List::NONE);
         }
         Ok(())
     }
 
-    /// Requires nothing any more.
-    pub(super) fn release(&mut self) {
-        let mut required = std::mem::take(&mut self.required);
-        for post in required.drain(..) {
-            let slot = self.nodes.slot(post).expect("required posts are active");
-            let node = self.nodes.get_mut(slot);
-            node.required = false;
-            if node.active {
+    /// Requires `posts` no longer.
+    pub(super) fn release(&mut self, posts: &[Post]) {
+        for &post in posts {
+            if let Some(slot) = self.nodes.slot(post).filter(|&slot| self.nodes.get(slot).required) {
+                self.nodes.get_mut(slot).required = false;
                 self.offer_to_merge(slot);
             }
         }
-        self.required = required;
+    }
+
+    /// Requires nothing any more.
+    pub(super) fn release_all(&mut self) {
+        let required: Vec<_> = self.nodes.active().filter(|node| node.required).map(|node| node.post).collect();
+        self.release(&required);
+    }
+
+    /// Whether a triangle of the hierarchy is one of the mesh.
+    pub(super) fn has(&self, triangle: &Triangle) -> bool {
+        let is_active = |p: Post| self.height_of(p).is_some();
+        is_active(triangle.apex) && !triangle.base_midpoint().is_some_and(is_active)
+    }
+
+    /// A test for whether an active post would be in the mesh as it stands if nothing required it: it comes before the
+    /// first ready one. Conservative for posts of equal priority.
+    pub(super) fn comes_before_the_cut(&mut self, threshold: f64) -> impl Fn(&Self, Post) -> bool + use<T> {
+        let cut = self.first_ready().map_or(0.0, |place| place.priority()).max(threshold);
+        move |queue, post| {
+            queue.nodes.slot(post).is_some_and(|slot| {
+                let (priority, _) = queue.priority(queue.nodes.get(slot), Planes::default());
+                priority > 0.0 && priority >= cut
+            })
+        }
     }
 }
 

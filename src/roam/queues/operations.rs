@@ -77,7 +77,6 @@ impl<T: Terrain> DualQueue<T> {
         let active = self.nodes.active().map(|node| node.post);
         self.toggled.extend(active);
         self.nodes.clear();
-        self.required.clear();
         self.split_queue.forget();
         self.merge_queue.forget();
         (self.split_guard, self.merge_guard) = (Guard::new(Side::Split), Guard::new(Side::Merge));

@@ -1,285 +1,367 @@
-//! The procedure that makes the lines right: needed-only refinement, with stable sets to fall back on.
+//! The procedure that keeps the lines right: needed-only refinement from update to update, in the order of the lines
+//! where a budget is short.
 //!
-//! 1. All lines are checked on the plain mesh. Each one that fails adds the splits that it needs to what is required,
-//!    the mesh is refined again under the same budget, and the lines near which anything changed are checked again.
-//!    Required splits only accumulate, so this ends.
-//! 2. Where that overflows the budget, takes too many rounds or makes no progress: the stable sets of the longest run of
-//!    lines that fit together are required. Those lines hold whatever else happens. The remaining ones are then taken
-//!    in order, each with the splits that it needs on top; a line that does not fit is dropped and does not return.
+//! What is required is kept. In each update:
+//!
+//! 1. Lines that are gone give up what they own. The mesh is refined under what the others own, and those lines are
+//!    checked whose ends, or near which triangles, changed.
+//! 2. Each one that fails takes the fewest splits that it needs on this mesh with all that is already required
+//!    ([`super::draft`]); the mesh is refined again, and lines near which anything changed are checked again. Required
+//!    splits only accumulate in this, so it ends.
+//! 3. Lines that chose in this update, and in turn all others, choose again, as if they owned nothing: what they need no
+//!    more they give up. So nothing creeps. Then step 2 again.
+//! 4. Where that overflows the budget, all is given up, and lines take *no more than their stable sets allow*
+//!    ([`super::stable`]). A line for which there is no room displaces the last one in order that owns anything, or is
+//!    dropped itself; what is dropped does not return within the update. So a line is dropped only if those up to it
+//!    need, together, more than the budget; and what they need is part of their joint stable set. This goes on in
+//!    later updates until no line is dropped.
 //!
 //! Either way every line is checked, exactly, on the mesh that is delivered.
 
 use std::sync::Arc;
 
-use sightline_proto::{diamond::Post, predicates::Sign};
+use sightline_proto::diamond::Post;
 
 use super::{
-    RequiredLine,
-    closure::Closure,
+    Fidelity, RequiredLine,
+    aim::Aim,
+    draft::{Draft, PostSet},
+    entry::Entry,
     ground::Ground,
+    ledger::Ledger,
+    near::Near,
     rule::Rule,
-    stable::{path, profile_set, stable_set},
+    stable::steadiest,
     witness::{Witness, witnesses},
 };
 use crate::{
     roam::{
         Terrain,
-        queues::{Allowance, DualQueue, KeyMap},
+        queues::{Allowance, DualQueue},
     },
-    terrain::ReadError,
-    view::Camera,
+    terrain::{Grid, ReadError},
 };
 
-/// Rounds of needed-only refinement of all lines together before the stable sets are taken instead.
-const MAX_ROUNDS: usize = 24;
-/// Rounds for one line on top of the stable sets before it is dropped.
-const MAX_ROUNDS_ALONE: usize = 12;
-
-/// What refinement is to keep to.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::roam) struct Limits<'a> {
-    pub(in crate::roam) camera: &'a Camera,
-    pub(in crate::roam) allowed: Allowance,
-}
+/// Rounds of needed-only refinement before lines are held to their stable sets. A guess; a dozen is much.
+const MAX_ROUNDS: usize = 48;
+/// In how many updates each line gets its turn to choose again.
+const TURNS: u64 = 8;
 
 /// What came of it.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
 pub(in crate::roam) struct Outcome {
-    /// Ids of the lines that do not hold, ascending.
-    pub(in crate::roam) unsatisfied: Vec<u64>,
-    /// Triangles of the required posts that the plain mesh lacks.
-    pub(in crate::roam) stolen: u32,
+    /// Ids of the lines that do not hold, ascending, each with the triangles that it lacked.
+    pub(in crate::roam) unsatisfied: Vec<(u64, u32)>,
+    /// Ids of the lines of fidelity GROUND that do not, ascending.
+    pub(in crate::roam) off_ground: Vec<u64>,
+    /// Triangles of the required posts.
+    pub(in crate::roam) required: u32,
 }
 
-/// What depends on a line and the terrain alone.
-#[derive(Debug, Default)]
-struct Known {
-    witnesses: Option<Vec<Witness>>,
-    stable: Option<Vec<Post>>,
-}
-
-/// What is remembered of the lines from update to update: nothing that changes a result.
-#[derive(Debug, Default)]
+/// The requirements of a view.
+#[derive(Debug)]
 pub(in crate::roam) struct Requirements {
-    known: KeyMap<(RequiredLine, Known)>,
-}
-
-/// A line with its place in the procedure.
-struct Entry {
-    line: RequiredLine,
-    rule: Rule,
-    holds: bool,
-    dropped: bool,
-    known: Known,
-}
-
-/// One run of the procedure.
-struct Run<'a, T: Terrain> {
-    queue: &'a mut DualQueue<T>,
-    ground: &'a Ground<'a, T>,
-    limits: Limits<'a>,
-    required: Closure,
-    /// How many posts of `required` the queue has been told.
-    told: usize,
-    /// How many toggles of the queue the lines have been checked against.
-    seen: usize,
     /// In order of priority, then id.
     entries: Vec<Entry>,
+    ledger: Ledger,
+    near: Near,
+    /// Whether lines are held to their stable sets.
+    is_tight: bool,
+    /// After a failure nothing is relied on.
+    is_broken: bool,
+    /// Counts updates.
+    turn: u64,
+}
+
+/// One update.
+struct Run<'a, 'g, T: Terrain> {
+    queue: &'a mut DualQueue<T>,
+    ground: &'a Ground<'g, T>,
+    allowed: Allowance,
+    state: &'a mut Requirements,
+    /// How many toggles of the queue the lines have been checked against.
+    seen: usize,
 }
 
 impl Requirements {
-    /// Makes `lines` right on `queue`, which holds the plain mesh of `limits`.
+    pub(in crate::roam) fn new(grid: Grid) -> Self {
+        let (ledger, near) = (Ledger::new(grid.root()), Near::new(grid));
+        Self { entries: Vec::new(), ledger, near, is_tight: false, is_broken: false, turn: 0 }
+    }
+
+    /// Refines `queue`, which looks through the camera already, so that it makes `lines` right as far as they fit.
     pub(in crate::roam) fn satisfy<T: Terrain>(
         &mut self,
         queue: &mut DualQueue<T>,
-        limits: Limits<'_>,
+        allowed: Allowance,
         lines: &[RequiredLine],
     ) -> Result<Outcome, ReadError> {
+        if self.is_broken || queue.work.from_scratch {
+            queue.release_all();
+            *self = Self { turn: self.turn, ..Self::new(queue.grid()) };
+        }
+        self.is_broken = true;
         let terrain = Arc::clone(queue.terrain());
         let ground = Ground::new(&*terrain);
-        let entries = self.entries(lines);
-        let required = Closure::new(ground.grid().root());
-        let seen = queue.toggles().len();
-        let mut run = Run { queue, ground: &ground, limits, required, told: 0, seen, entries };
-        run.check_all()?;
-        let plain = run.seen;
-        if !run.needed_only(run.entries.len(), MAX_ROUNDS)? {
-            run.fall_back()?;
-        }
+        self.turn += 1;
+        self.take(queue, &ground, lines)?;
+        let mut run = Run { queue, ground: &ground, allowed, state: self, seen: 0 };
+        run.run()?;
         debug_assert!(run.flags_are_true()?);
-        let outcome = run.outcome(plain);
-        self.known = run.entries.into_iter().map(|entry| (entry.line.id, (entry.line, entry.known))).collect();
+        let outcome = run.outcome();
+        self.is_broken = false;
         Ok(outcome)
     }
 
-    /// The lines that ask for something, in order, with what is known of them.
-    fn entries(&mut self, lines: &[RequiredLine]) -> Vec<Entry> {
-        let mut lines = lines.to_vec();
-        lines.sort_by_key(|line| (line.priority, line.id));
-        let mut known = std::mem::take(&mut self.known);
-        let mut entry = |line: RequiredLine| {
-            let rule = Rule::of(&line)?;
-            let remembered = known.remove(&line.id).filter(|(l, _)| *l == line);
-            let known = remembered.map_or(Known::default(), |(_, known)| known);
-            Some(Entry { line, rule, holds: false, dropped: false, known })
-        };
-        lines.into_iter().filter_map(&mut entry).collect()
+    /// Takes the lines of this update, in order, with what is known of those that were there before.
+    fn take<T: Terrain>(
+        &mut self,
+        queue: &DualQueue<T>,
+        ground: &Ground<'_, T>,
+        lines: &[RequiredLine],
+    ) -> Result<(), ReadError> {
+        let mut lines: Vec<_> = lines.iter().collect();
+        if !lines.is_sorted_by_key(|line| line.place()) {
+            lines.sort_by_key(|line| line.place());
+        }
+        let mut before = std::mem::take(&mut self.entries).into_iter().peekable();
+        let mut anything_moved = false;
+        for line in lines {
+            while let Some(gone) = before.next_if(|entry| entry.line.place() < line.place()) {
+                gone.own.iter().for_each(|&p| self.ledger.remove(p));
+                anything_moved = true;
+            }
+            let known = before.next_if(|entry| entry.line.place() == line.place());
+            if let Some(mut entry) = known {
+                (entry.dropped, entry.is_fresh, entry.lacked) = (false, false, 0);
+                if entry.line == *line {
+                    self.entries.push(entry);
+                    continue;
+                }
+                anything_moved = true;
+                let rule = rule_of(queue, ground, line)?;
+                let may_keep = rule.as_ref().is_some_and(|rule| entry.replace(*line, rule.clone()));
+                if !may_keep || self.is_tight {
+                    entry.own.drain(..).for_each(|p| self.ledger.remove(p));
+                }
+                entry.is_fresh = !may_keep;
+                self.entries.extend(rule.map(|_| entry));
+            } else {
+                anything_moved = true;
+                self.entries.extend(rule_of(queue, ground, line)?.map(|rule| Entry::new(*line, rule)));
+            }
+        }
+        for gone in before {
+            gone.own.iter().for_each(|&p| self.ledger.remove(p));
+            anything_moved = true;
+        }
+        if anything_moved {
+            self.near.fill(self.entries.iter().map(|entry| &entry.line));
+        }
+        Ok(())
     }
 }
 
-impl<T: Terrain> Run<'_, T> {
-    fn check(&mut self, n: usize) -> Result<(), ReadError> {
-        self.entries[n].holds = self.entries[n].rule.holds(self.queue, &self.entries[n].line)?;
+fn rule_of<T: Terrain>(
+    queue: &DualQueue<T>,
+    ground: &Ground<'_, T>,
+    line: &RequiredLine,
+) -> Result<Option<Rule>, ReadError> {
+    Rule::of(line, |distance_m| Aim::of(ground, queue.scale(), line, distance_m))
+}
+
+impl<T: Terrain> Run<'_, '_, T> {
+    fn run(&mut self) -> Result<(), ReadError> {
+        if !self.fits() {
+            self.start_over();
+        }
+        self.apply()?;
+        self.settle()?;
+        if self.choose_again()? {
+            self.apply()?;
+            self.settle()?;
+        }
+        self.state.is_tight = self.state.entries.iter().any(|entry| entry.dropped);
         Ok(())
     }
 
-    fn check_all(&mut self) -> Result<(), ReadError> {
-        self.seen = self.queue.toggles().len();
-        (0..self.entries.len()).try_for_each(|n| self.check(n))
+    fn fits(&self) -> bool {
+        self.state.ledger.triangles() <= u64::from(self.allowed.max)
     }
 
-    /// Checks the lines near which the mesh changed since they were last checked.
+    /// Tells the queue what is required, lets it refine, and checks the lines that this may have changed.
+    fn apply(&mut self) -> Result<(), ReadError> {
+        let touched = self.state.ledger.take_touched();
+        let (joined, left): (Vec<Post>, Vec<Post>) = touched.into_iter().partition(|&p| self.state.ledger.contains(p));
+        self.queue.release(&left);
+        self.queue.require(&joined)?;
+        self.queue.refine(self.allowed)?;
+        self.check_changed()
+    }
+
+    /// Checks the lines that changed, or near which the mesh did since they were last checked.
     fn check_changed(&mut self) -> Result<(), ReadError> {
         let mut changed = self.queue.toggles()[self.seen..].to_vec();
         self.seen = self.queue.toggles().len();
         changed.sort_unstable();
         let changed: Vec<_> = changed.chunk_by(|p, q| p == q).filter(|c| c.len() % 2 == 1).map(|c| c[0]).collect();
-        for n in 0..self.entries.len() {
-            if changed.iter().any(|&p| may_touch(&self.entries[n].line, p)) {
-                self.check(n)?;
-            }
+        let entries = &mut self.state.entries;
+        for entry in entries.iter_mut().filter(|entry| entry.is_new) {
+            entry.check(self.queue)?;
+        }
+        let mut met: Vec<(u32, Post)> = Vec::new();
+        for &p in &changed {
+            self.state.near.for_each(p, |n| met.push((n, p)));
+        }
+        met.sort_unstable();
+        met.dedup();
+        let mut posts = Vec::new();
+        for of_line in met.chunk_by(|x, y| x.0 == y.0) {
+            posts.clear();
+            posts.extend(of_line.iter().map(|&(_, p)| p));
+            entries[of_line[0].0 as usize].check_near(self.queue, &posts)?;
         }
         Ok(())
     }
 
-    /// Tells the queue what is required, lets it refine, and checks the lines that this may have changed.
-    fn apply(&mut self) -> Result<(), ReadError> {
-        self.queue.require(&self.required.since(self.told))?;
-        self.told = self.required.len();
-        self.queue.refine(self.limits.allowed)?;
-        self.check_changed()
+    /// Makes all lines hold that are not dropped.
+    fn settle(&mut self) -> Result<(), ReadError> {
+        if !self.state.is_tight && !self.needed_only(MAX_ROUNDS)? {
+            self.start_over();
+            self.apply()?;
+        }
+        if self.state.is_tight {
+            // Ends without a limit: each round requires a post more, or drops a line.
+            self.needed_only(usize::MAX)?;
+        }
+        Ok(())
     }
 
-    /// Goes back to the first `len` required posts.
-    fn retract(&mut self, len: usize) -> Result<(), ReadError> {
-        self.required.shrink(len);
-        self.queue.release();
-        self.told = 0;
-        self.apply()
+    /// Requires nothing, and holds lines to their stable sets from here on.
+    fn start_over(&mut self) {
+        self.queue.release_all();
+        self.state.ledger = Ledger::new(self.ground.grid().root());
+        self.state.is_tight = true;
+        for entry in &mut self.state.entries {
+            entry.own.clear();
+            (entry.dropped, entry.is_fresh) = (false, true);
+        }
     }
 
-    fn fits(&self) -> bool {
-        self.required.triangles() <= u64::from(self.limits.allowed.max)
-    }
-
-    /// Adds what the first `count` lines need, round by round, until those not dropped all hold: `true`. `false` when
-    /// that overflows the budget, or goes on for more than `rounds`, or a line cannot be helped.
-    fn needed_only(&mut self, count: usize, rounds: usize) -> Result<bool, ReadError> {
+    /// Adds what lines need, round by round, until those not dropped all hold: `true`. `false` when that takes more than
+    /// `rounds` or, unless lines are held to their stable sets, overflows the budget.
+    fn needed_only(&mut self, rounds: usize) -> Result<bool, ReadError> {
         for _ in 0..rounds {
-            let before = self.required.len();
-            let mut failing = false;
-            for n in 0..count {
-                if !self.entries[n].holds && !self.entries[n].dropped {
-                    failing = true;
-                    self.add_needed(n)?;
-                    if !self.fits() {
+            let mut is_done = true;
+            for n in 0..self.state.entries.len() {
+                let entry = &self.state.entries[n];
+                if entry.holds || entry.dropped {
+                    continue;
+                }
+                is_done = false;
+                self.help(n)?;
+                if !self.fits() {
+                    if !self.state.is_tight {
                         return Ok(false);
                     }
+                    self.make_room(n);
                 }
             }
-            if !failing {
+            if is_done {
                 return Ok(true);
-            }
-            if self.required.len() == before {
-                return Ok(false);
             }
             self.apply()?;
         }
         Ok(false)
     }
 
-    /// Requires the stable sets of the longest run that fits, then what the rest need as far as it fits.
-    fn fall_back(&mut self) -> Result<(), ReadError> {
-        self.required.shrink(0);
-        let mut run = 0;
-        while run < self.entries.len() {
-            let before = self.required.len();
-            let stable = self.stable(run)?;
-            stable.iter().for_each(|&p| self.required.add(p));
-            if !self.fits() {
-                self.required.shrink(before);
-                break;
-            }
-            run += 1;
+    /// Gives a failing line what it needs; drops it when there is no help.
+    fn help(&mut self, n: usize) -> Result<(), ReadError> {
+        let posts = self.needs(n, &PostSet::default())?;
+        let Requirements { entries, ledger, .. } = &mut *self.state;
+        let entry = &mut entries[n];
+        if posts.is_empty() && ledger.touched().is_empty() {
+            // Ends that are no numbers: nothing that is split makes a difference.
+            entry.dropped = true;
         }
-        self.queue.release();
-        self.told = 0;
-        self.apply()?;
-        for n in run..self.entries.len() {
-            let before = self.required.len();
-            if !self.needed_only(n + 1, MAX_ROUNDS_ALONE)? {
-                self.entries[n].dropped = true;
-                self.retract(before)?;
-            }
-        }
+        posts.iter().for_each(|&p| ledger.add(p));
+        entry.own.extend(posts);
+        entry.is_fresh = true;
         Ok(())
     }
 
-    /// Adds to what is required the splits that a failing line needs on the mesh as it stands.
-    fn add_needed(&mut self, n: usize) -> Result<(), ReadError> {
-        let (line, rule) = (self.entries[n].line, self.entries[n].rule);
-        let splits = match rule {
-            Rule::Blocked => self.cheapest_block(n)?,
-            Rule::Profile => profile_set(self.ground, &line)?,
-            Rule::Clear | Rule::Wedgie => {
-                let mut splits = Vec::new();
-                for offender in rule.offenders(self.queue, &line, usize::MAX)? {
-                    splits.extend(rule.splits_below(self.ground, &line, offender)?);
-                }
-                splits
+    /// Drops lines, the last in order first, until what is required fits; none before line `n`, which has just taken.
+    fn make_room(&mut self, n: usize) {
+        for last in (n..self.state.entries.len()).rev() {
+            if self.fits() {
+                return;
             }
-        };
-        splits.into_iter().for_each(|p| self.required.add(p));
-        Ok(())
-    }
-
-    /// The splits that make the mesh block the line at the witness where that takes the fewest triangles.
-    fn cheapest_block(&mut self, n: usize) -> Result<Vec<Post>, ReadError> {
-        let Entry { line, known, .. } = &mut self.entries[n];
-        let candidates = match &mut known.witnesses {
-            Some(witnesses) => witnesses,
-            none => none.insert(witnesses(self.ground, line)?),
-        };
-        let mut least: Option<(u64, Vec<Post>)> = None;
-        for witness in candidates.iter() {
-            let splits = self.queue.splits_to_block(self.ground, line, witness)?;
-            let mark = self.required.len();
-            splits.iter().for_each(|&p| self.required.add(p));
-            let new = self.required.since(mark);
-            self.required.shrink(mark);
-            let lacking = new.iter().filter(|&&p| self.queue.height_of(p).is_none());
-            let cost = lacking.map(|&p| self.ground.grid().root().triangles(p).count() as u64).sum();
-            if least.as_ref().is_none_or(|(triangles, _)| cost < *triangles) {
-                least = Some((cost, splits));
+            let Requirements { entries, ledger, .. } = &mut *self.state;
+            let entry = &mut entries[last];
+            if !entry.own.is_empty() {
+                let before = ledger.triangles();
+                entry.own.drain(..).for_each(|p| ledger.remove(p));
+                entry.lacked = before - ledger.triangles();
+                entry.dropped = true;
             }
         }
-        Ok(least.map_or(Vec::new(), |(_, splits)| splits))
     }
 
-    fn stable(&mut self, n: usize) -> Result<Vec<Post>, ReadError> {
-        let Entry { line, rule, known, .. } = &mut self.entries[n];
-        if known.witnesses.is_none() && *rule == Rule::Blocked {
-            known.witnesses = Some(witnesses(self.ground, line)?);
+    /// What a line needs on the mesh with all that is required, `less` left out.
+    fn needs(&mut self, n: usize, less: &PostSet) -> Result<Vec<Post>, ReadError> {
+        let ground = self.ground;
+        let Requirements { entries, ledger, is_tight, .. } = &mut *self.state;
+        let Entry { line, rule, witnesses: known, steadiest: chosen, .. } = &mut entries[n];
+        let find = |known: &mut Option<Vec<Witness>>| {
+            let found = match known.take() {
+                Some(found) => found,
+                None => witnesses(ground, line)?,
+            };
+            Ok(known.insert(found).clone())
+        };
+        if *is_tight && chosen.is_none() && matches!(rule, Rule::Blocked | Rule::Obstruction(_)) {
+            *chosen = steadiest(ground, line, &find(known)?)?;
         }
-        if known.stable.is_none() {
-            known.stable = Some(stable_set(self.ground, line, *rule, known.witnesses.as_deref().unwrap_or(&[]))?);
+        let witness = chosen.as_ref().filter(|_| *is_tight);
+        Draft::new(self.queue, ground, ledger, less).needs(line, rule, witness, || find(known))
+    }
+
+    /// Lets lines choose anew, as if they owned nothing; whether any did.
+    fn choose_again(&mut self) -> Result<bool, ReadError> {
+        let turn = self.state.turn;
+        let is_due = |n: usize, entry: &Entry| {
+            !entry.own.is_empty() && !entry.dropped && (entry.is_fresh || (n as u64 + turn).is_multiple_of(TURNS))
+        };
+        let due: Vec<_> = (0..self.state.entries.len()).filter(|&n| is_due(n, &self.state.entries[n])).collect();
+        if due.is_empty() {
+            return Ok(false);
         }
-        Ok(known.stable.clone().unwrap_or_default())
+        let stays = self.queue.comes_before_the_cut(self.allowed.threshold);
+        let mut less = PostSet::default();
+        for &n in &due {
+            let Requirements { entries, ledger, .. } = &mut *self.state;
+            let mark = ledger.touched().len();
+            let before = std::mem::take(&mut entries[n].own);
+            let triangles = ledger.triangles();
+            before.iter().for_each(|&p| ledger.remove(p));
+            let gone = ledger.touched()[mark..].iter().filter(|&&p| !stays(self.queue, p));
+            less.extend(gone.map(|p| (p.key(), ())));
+            let mut own = self.needs(n, &less)?;
+            let Requirements { entries, ledger, .. } = &mut *self.state;
+            own.iter().for_each(|&p| ledger.add(p));
+            if ledger.triangles() > triangles {
+                own.iter().for_each(|&p| ledger.remove(p));
+                before.iter().for_each(|&p| ledger.add(p));
+                own = before;
+            }
+            entries[n].own = own;
+        }
+        Ok(true)
     }
 
     /// Whether each flag is what an exact check says; for debug builds.
     fn flags_are_true(&self) -> Result<bool, ReadError> {
-        for entry in &self.entries {
+        for entry in &self.state.entries {
             if entry.holds != entry.rule.holds(self.queue, &entry.line)? {
                 return Ok(false);
             }
@@ -287,62 +369,14 @@ impl<T: Terrain> Run<'_, T> {
         Ok(true)
     }
 
-    fn outcome(&self, plain: usize) -> Outcome {
-        let failing = self.entries.iter().filter(|entry| !entry.holds);
-        let mut unsatisfied: Vec<_> = failing.map(|entry| entry.line.id).collect();
+    fn outcome(&self) -> Outcome {
+        let failing = self.state.entries.iter().filter(|entry| !entry.holds);
+        let (grounds, failing): (Vec<_>, Vec<_>) = failing.partition(|entry| entry.line.fidelity == Fidelity::Ground);
+        let mut off_ground: Vec<_> = grounds.into_iter().map(|entry| entry.line.id).collect();
+        off_ground.sort_unstable();
+        let narrow = |triangles: u64| u32::try_from(triangles).unwrap_or(u32::MAX);
+        let mut unsatisfied: Vec<_> = failing.into_iter().map(|e| (e.line.id, narrow(e.lacked))).collect();
         unsatisfied.sort_unstable();
-        // Active in the mesh now and toggled an odd number of times since the plain mesh: the plain mesh lacked it.
-        let mut changed = self.queue.toggles()[plain..].to_vec();
-        changed.sort_unstable();
-        let lacked = changed.chunk_by(|p, q| p == q).filter(|c| c.len() % 2 == 1).map(|c| c[0]);
-        let stolen = lacked.filter(|&p| self.required.contains(p));
-        let triangles: usize = stolen.map(|p| self.ground.grid().root().triangles(p).count()).sum();
-        let stolen = u32::try_from(triangles).unwrap_or(u32::MAX);
-        Outcome { unsatisfied, stolen }
+        Outcome { unsatisfied, off_ground, required: narrow(self.state.ledger.triangles() - 2) }
     }
-}
-
-impl<T: Terrain> DualQueue<T> {
-    /// The splits after which the mesh triangle over a witness is above the line there.
-    fn splits_to_block(
-        &self,
-        ground: &Ground<'_, T>,
-        line: &RequiredLine,
-        witness: &Witness,
-    ) -> Result<Vec<Post>, ReadError> {
-        let mut splits = Vec::new();
-        for triangle in path(ground.grid().root().roots(), &witness.face) {
-            let Some(middle) = triangle.base_midpoint() else { break };
-            if splits.is_empty() && self.height_of(middle).is_some() {
-                continue;
-            }
-            let corners = ground.in_space(&triangle)?;
-            if witness.point.height_against_plane(line.a, line.b, corners) == Sign::Negative {
-                break;
-            }
-            splits.push(middle);
-        }
-        Ok(splits)
-    }
-}
-
-/// Whether the line may meet the closed area of the diamond at `p` in plan; `true` when in doubt.
-///
-/// The area lies within b posts of p in each direction, b being the lowest bit of its coordinates. So the line through A
-/// and B misses it when the vector product of B - A and p - A exceeds b (|dx| + |dy|) in magnitude. Its two products and
-/// six differences round by less than 2^-50 of the magnitudes summed in `slack`. What is not a number misses nothing.
-fn may_touch(line: &RequiredLine, p: Post) -> bool {
-    let reach = f64::from(1_u32 << (p.i | p.j).trailing_zeros().min(31));
-    let (x, y) = (f64::from(p.i), f64::from(p.j));
-    let ([ax, ay, _], [bx, by, _]) = (line.a, line.b);
-    if ax.min(bx) > x + reach || ax.max(bx) < x - reach || ay.min(by) > y + reach || ay.max(by) < y - reach {
-        return false;
-    }
-    let (dx, dy) = (bx - ax, by - ay);
-    let product = dx * (y - ay) - dy * (x - ax);
-    let spread = reach * (dx.abs() + dy.abs());
-    let magnitude = (ax.abs() + bx.abs()) * (y + ay.abs()) + (ay.abs() + by.abs()) * (x + ax.abs()) + spread;
-    let slack = magnitude * 1e-14;
-    let misses = product.abs() > spread + slack;
-    !misses
 }

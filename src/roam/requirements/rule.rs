@@ -1,14 +1,19 @@
-//! What makes a triangle wrong for a line, on the mesh and anywhere in the hierarchy.
+//! What a line asks of a mesh: what makes a triangle wrong for it, on the mesh and anywhere in the hierarchy.
 
 use std::ops::ControlFlow;
 
+use num_rational::BigRational;
 use sightline_proto::{
-    diamond::{Post, Triangle},
-    verdict::{MeshVerdict, for_each_triangle_met, passes_above, passes_below, verdict_on_mesh},
+    diamond::Triangle,
+    mesh::Mesh,
+    verdict::{
+        MeshVerdict, for_each_triangle_above, for_each_triangle_met, passes_above, passes_below, verdict_on_mesh,
+    },
 };
 
 use super::{
     Fidelity, RequiredLine,
+    aim::{Aim, first_below},
     ground::{Ground, moved},
 };
 use crate::{
@@ -17,100 +22,114 @@ use crate::{
 };
 
 /// What a line asks, told apart by how it is checked and satisfied.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub(in crate::roam) enum Rule {
     /// A visible line: no met triangle rises above it.
     Clear,
     /// A blocked line: some met triangle rises above it.
     Blocked,
+    /// A blocked line: the first met triangle that rises above it does so near the true place.
+    Obstruction(Box<Aim>),
     /// No met triangle that can be split has the line in its wedgie.
     Wedgie,
     /// No met triangle can be split.
     Profile,
+    /// A vertical line from above: no triangle over or under it misses it.
+    Ground,
 }
 
 impl Rule {
-    /// The rule of a line; `None` when it holds on every mesh.
-    pub(in crate::roam) fn of(line: &RequiredLine) -> Option<Self> {
-        let verdict = line.verdict?;
-        Some(match (line.fidelity, verdict) {
-            (Fidelity::Verdict, MeshVerdict::Visible) => Self::Clear,
+    /// The rule of a line; `None` when it holds on every mesh. `aim` gives that of a line with an obstruction, if it
+    /// has one.
+    pub(in crate::roam) fn of(
+        line: &RequiredLine,
+        aim: impl FnOnce(f64) -> Result<Option<Aim>, ReadError>,
+    ) -> Result<Option<Self>, ReadError> {
+        let Some(verdict) = line.verdict else { return Ok(None) };
+        Ok(Some(match (line.fidelity, verdict) {
+            (Fidelity::Ground, _) => Self::Ground,
+            (Fidelity::Verdict | Fidelity::Obstruction { .. }, MeshVerdict::Visible) => Self::Clear,
             (Fidelity::Verdict, MeshVerdict::Blocked) => Self::Blocked,
+            (Fidelity::Obstruction { distance_m }, MeshVerdict::Blocked) => {
+                aim(distance_m)?.map_or(Self::Blocked, |aim| Self::Obstruction(Box::new(aim)))
+            }
             (Fidelity::Wedgie, _) => Self::Wedgie,
             (Fidelity::Profile, _) => Self::Profile,
-        })
+        }))
     }
 
     /// Whether the line AB holds on the mesh. Exact.
-    pub(super) fn holds<T: Terrain>(self, mesh: &DualQueue<T>, line: &RequiredLine) -> Result<bool, ReadError> {
+    pub(super) fn holds<T: Terrain>(&self, mesh: &DualQueue<T>, line: &RequiredLine) -> Result<bool, ReadError> {
         match self {
             Self::Clear => Ok(verdict_on_mesh(mesh, line.a, line.b) == MeshVerdict::Visible),
             Self::Blocked => Ok(verdict_on_mesh(mesh, line.a, line.b) == MeshVerdict::Blocked),
-            Self::Wedgie | Self::Profile => Ok(self.offenders(mesh, line, 1)?.is_empty()),
-        }
-    }
-
-    /// The first triangles of the mesh, at most `limit`, that break the rule, which is not [`Rule::Blocked`].
-    pub(super) fn offenders<T: Terrain>(
-        self,
-        mesh: &DualQueue<T>,
-        line: &RequiredLine,
-        limit: usize,
-    ) -> Result<Vec<Triangle>, ReadError> {
-        let (mut found, mut failure) = (Vec::new(), None);
-        let _ = for_each_triangle_met(mesh, line.a, line.b, |triangle| {
-            let tight = |p| mesh.tight(p);
-            match self.breaks(&triangle, mesh.corners_in_space(&triangle), tight, line, mesh.grid_posts()) {
-                Ok(false) => return ControlFlow::Continue(()),
-                Ok(true) => found.push(triangle),
-                Err(error) => failure = Some(error),
+            Self::Obstruction(aim) => Ok(first_on(mesh, line).is_some_and(|t| aim.is_near(&t))),
+            Self::Wedgie | Self::Profile | Self::Ground => {
+                let mut found = Ok(false);
+                let _ = for_each_triangle_met(mesh, line.a, line.b, |triangle| {
+                    let tight = || triangle.base_midpoint().map_or(Ok(0.0), |middle| mesh.tight(middle));
+                    found = self.breaks(&triangle, mesh.corners_in_space(&triangle), tight, line, mesh.grid_posts());
+                    if matches!(found, Ok(false)) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+                });
+                found.map(|found| !found)
             }
-            if failure.is_some() || found.len() >= limit { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        });
-        failure.map_or(Ok(found), Err)
+        }
     }
 
     /// Whether a triangle breaks the rule if it is one of the mesh, given, for [`Rule::Profile`], that the line meets it
-    /// in plan. `corners` are its own, in space; `tight` gives the thickness of a diamond. Not for [`Rule::Blocked`].
-    fn breaks(
-        self,
+    /// in plan. `corners` are its own, in space; `tight` gives the thickness of its diamond. Never for [`Rule::Blocked`],
+    /// for which no triangle is wrong.
+    pub(super) fn breaks(
+        &self,
         triangle: &Triangle,
         corners: [[f64; 3]; 3],
-        tight: impl FnOnce(Post) -> Result<f32, ReadError>,
+        tight: impl FnOnce() -> Result<f32, ReadError>,
         line: &RequiredLine,
         grid: (u32, u32),
     ) -> Result<bool, ReadError> {
-        Ok(match (self, triangle.base_midpoint()) {
-            (Self::Clear, _) => passes_below(line.a, line.b, corners, grid),
-            (Self::Wedgie, Some(middle)) => meets_wedgie(line.a, line.b, corners, tight(middle)?, grid),
-            (Self::Profile, Some(_)) => true,
-            (Self::Wedgie | Self::Profile, None) => false,
-            (Self::Blocked, _) => unreachable!("a blocked line has no offending triangles"),
+        let can_be_split = triangle.base_midpoint().is_some();
+        Ok(match self {
+            Self::Clear => passes_below(line.a, line.b, corners, grid),
+            Self::Blocked => false,
+            Self::Obstruction(aim) => {
+                passes_below(line.a, line.b, corners, grid)
+                    && first_below(line.a, line.b, corners, grid).is_some_and(|t| aim.is_early(&t))
+            }
+            Self::Wedgie => can_be_split && meets_wedgie(line.a, line.b, corners, tight()?, grid),
+            Self::Profile => can_be_split,
+            Self::Ground => passes_below(line.a, line.a, corners, grid) || passes_above(line.b, line.b, corners, grid),
         })
     }
 
-    /// The splits that an offending triangle needs, from itself downwards until no part of it breaks the rule. For
-    /// [`Rule::Clear`] and [`Rule::Wedgie`].
-    pub(super) fn splits_below<T: Terrain>(
-        self,
-        ground: &Ground<'_, T>,
-        line: &RequiredLine,
-        offender: Triangle,
-    ) -> Result<Vec<Post>, ReadError> {
-        let grid = (ground.grid().nx(), ground.grid().ny());
-        let (mut splits, mut open) = (Vec::new(), vec![offender]);
-        while let Some(triangle) = open.pop() {
-            let Some(middle) = triangle.base_midpoint() else { continue };
-            splits.push(middle);
-            for child in triangle.children(middle) {
-                let corners = ground.in_space(&child)?;
-                if self.breaks(&child, corners, |p| Ok(ground.bounds(p)?.tight), line, grid)? {
-                    open.push(child);
-                }
+    /// Whether a triangle of the mesh makes the line hold: for [`Rule::Blocked`], and for [`Rule::Obstruction`] if none
+    /// breaks it. Others hold where nothing is wrong.
+    pub(super) fn is_helped_by(&self, corners: [[f64; 3]; 3], line: &RequiredLine, grid: (u32, u32)) -> bool {
+        match self {
+            Self::Blocked => passes_below(line.a, line.b, corners, grid),
+            Self::Obstruction(aim) => {
+                passes_below(line.a, line.b, corners, grid)
+                    && first_below(line.a, line.b, corners, grid).is_some_and(|t| aim.is_near(&t))
             }
+            Self::Clear | Self::Wedgie | Self::Profile | Self::Ground => true,
         }
-        Ok(splits)
     }
+}
+
+/// The infimum of the points of the line strictly below the mesh, as a part of AB.
+pub(super) fn first_on(mesh: &impl Mesh, line: &RequiredLine) -> Option<BigRational> {
+    let mut first: Option<BigRational> = None;
+    let _ = for_each_triangle_above(mesh, &mesh.root().roots(), [line.a, line.b], |triangle| {
+        let corners = triangle.corners().map(|p| [f64::from(p.i), f64::from(p.j), mesh.height(p).unwrap_or(0.0)]);
+        let found = first_below(line.a, line.b, corners, mesh.grid_size());
+        first = first.take().into_iter().chain(found).min();
+        ControlFlow::Continue(())
+    });
+    first
+}
+
+/// The thickness of a triangle's diamond, if it has one.
+pub(super) fn thickness<T: Terrain>(ground: &Ground<'_, T>, triangle: &Triangle) -> Result<f32, ReadError> {
+    triangle.base_midpoint().map_or(Ok(0.0), |middle| Ok(ground.bounds(middle)?.tight))
 }
 
 /// Whether AB, over the closed triangle and the grid, comes within `thickness` of its plane.

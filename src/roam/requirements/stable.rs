@@ -7,94 +7,43 @@
 //! edge, one finest triangle beside it is chosen, and only the triangles that contain that one count: the unsplit one
 //! over p is among them, and the set is smaller.
 
-use std::ops::ControlFlow;
+//!
+//! What a visible line needs on any mesh is in its set, and so is what a blocked one needs for that point. So the sets
+//! need not be made to be relied on: while lines take no more than they need in this sense, a run of lines whose joint
+//! set fits in a budget fits, too.
 
 use sightline_proto::{
     diamond::{Post, Triangle},
     predicates::Sign,
-    verdict::{for_each_triangle_met, passes_above, passes_below},
 };
 
 use super::{
     RequiredLine,
-    closure::Closure,
     ground::{Ground, moved},
-    rule::{Rule, meets_wedgie},
+    ledger::Ledger,
     witness::Witness,
 };
 use crate::{roam::Terrain, terrain::ReadError};
 
-/// The stable set of a line without ancestors. `witnesses` are those of a blocked line: the one is taken whose set,
-/// closed, has the fewest triangles.
-pub(super) fn stable_set<T: Terrain>(
+/// Of the witnesses of a blocked line, the one whose stable set, closed, has the fewest triangles; the first of several.
+pub(super) fn steadiest<T: Terrain>(
     ground: &Ground<'_, T>,
     line: &RequiredLine,
-    rule: Rule,
     witnesses: &[Witness],
-) -> Result<Vec<Post>, ReadError> {
-    match rule {
-        Rule::Profile => profile_set(ground, line),
-        Rule::Clear | Rule::Wedgie => band_set(ground, line, rule),
-        Rule::Blocked => {
-            let mut least: Option<(u64, Vec<Post>)> = None;
-            for witness in witnesses {
-                let posts = witness_set(ground, line, witness)?;
-                let mut closure = Closure::new(ground.grid().root());
-                posts.iter().for_each(|&p| closure.add(p));
-                if least.as_ref().is_none_or(|(triangles, _)| closure.triangles() < *triangles) {
-                    least = Some((closure.triangles(), posts));
-                }
-            }
-            Ok(least.map_or(Vec::new(), |(_, posts)| posts))
+) -> Result<Option<Witness>, ReadError> {
+    let mut least: Option<(u64, Witness)> = None;
+    for witness in witnesses {
+        let mut closure = Ledger::new(ground.grid().root());
+        witness_set(ground, line, witness)?.into_iter().for_each(|p| closure.add(p));
+        if least.is_none_or(|(triangles, _)| closure.triangles() < triangles) {
+            least = Some((closure.triangles(), *witness));
         }
     }
+    Ok(least.map(|(_, witness)| witness))
 }
 
-/// The apexes of the finest triangles that the line meets: each is there when its parent is split.
-pub(super) fn profile_set<T: Terrain>(ground: &Ground<'_, T>, line: &RequiredLine) -> Result<Vec<Post>, ReadError> {
-    let mut posts = Vec::new();
-    let _ = for_each_triangle_met(ground, line.a, line.b, |t| {
-        posts.push(t.apex);
-        ControlFlow::Continue(())
-    });
-    posts.sort_unstable();
-    posts.dedup();
-    ground.checked(posts)
-}
-
-/// Descends where the line may come near enough. Let t be the thickness and n the nested thickness of T. Over T the
-/// surface lies within t of the plane, and a descendant's plane within n of the surface, its thickness being n at most:
-/// where the line keeps t + 2n away from the plane on one side, no descendant counts.
-fn band_set<T: Terrain>(ground: &Ground<'_, T>, line: &RequiredLine, rule: Rule) -> Result<Vec<Post>, ReadError> {
-    let grid = (ground.grid().nx(), ground.grid().ny());
-    let below = |corners, by| moved(corners, by).is_none_or(|plane| passes_below(line.a, line.b, plane, grid));
-    let above = |corners, by: f64| moved(corners, -by).is_none_or(|plane| passes_above(line.a, line.b, plane, grid));
-    let (mut posts, mut open) = (Vec::new(), ground.grid().root().roots().to_vec());
-    while let Some(triangle) = open.pop() {
-        let Some(middle) = triangle.base_midpoint() else { continue };
-        let bounds = ground.bounds(middle)?;
-        let corners = ground.in_space(&triangle)?;
-        let tight = f64::from(bounds.tight);
-        // A hair more than t + 2n, so that rounding and contact are on the safe side.
-        let far = (tight + 2.0 * f64::from(bounds.nested)) * 1.000_001 + 1e-300;
-        if !below(corners, far) || (rule == Rule::Wedgie && !above(corners, far)) {
-            continue;
-        }
-        let counts = match rule {
-            Rule::Wedgie => meets_wedgie(line.a, line.b, corners, bounds.tight, grid),
-            _ => below(corners, tight),
-        };
-        if counts {
-            posts.push(middle);
-        }
-        open.extend(triangle.children(middle));
-    }
-    posts.sort_unstable();
-    posts.dedup();
-    Ok(posts)
-}
-
-fn witness_set<T: Terrain>(
+/// The stable set of a blocked line for one witness, without ancestors.
+pub(super) fn witness_set<T: Terrain>(
     ground: &Ground<'_, T>,
     line: &RequiredLine,
     witness: &Witness,

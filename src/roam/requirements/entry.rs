@@ -1,0 +1,114 @@
+//! A line with what is known of it on the mesh as it stands.
+
+use std::ops::ControlFlow;
+
+use sightline_proto::{
+    diamond::{Post, Triangle},
+    mesh::Mesh,
+    verdict::{for_each_triangle_above, passes_below},
+};
+
+use super::{RequiredLine, near::may_touch, rule::Rule, witness::Witness};
+use crate::{
+    roam::{Terrain, queues::DualQueue},
+    terrain::ReadError,
+};
+
+/// A line with its place in the procedure.
+#[derive(Debug)]
+pub(super) struct Entry {
+    pub(super) line: RequiredLine,
+    pub(super) rule: Rule,
+    /// Whether it holds on the mesh, as of the last check.
+    pub(super) holds: bool,
+    /// Whether its ends or what it asks changed since the last check.
+    pub(super) is_new: bool,
+    /// Whether what it owns was chosen in this update.
+    pub(super) is_fresh: bool,
+    /// Given up in this update.
+    pub(super) dropped: bool,
+    /// Triangles that it lacked when it was given up.
+    pub(super) lacked: u64,
+    /// Posts that it requires, without their ancestors.
+    pub(super) own: Vec<Post>,
+    /// Of a blocked line that holds: a triangle of the mesh above it.
+    cover: Option<Triangle>,
+    /// Places where a blocked line may be blocked; while its ends are the same.
+    pub(super) witnesses: Option<Vec<Witness>>,
+    /// The one that its stable set stands on.
+    pub(super) steadiest: Option<Witness>,
+}
+
+impl Entry {
+    pub(super) fn new(line: RequiredLine, rule: Rule) -> Self {
+        Self {
+            line,
+            rule,
+            holds: false,
+            is_new: true,
+            is_fresh: true,
+            dropped: false,
+            lacked: 0,
+            own: Vec::new(),
+            cover: None,
+            witnesses: None,
+            steadiest: None,
+        }
+    }
+
+    /// Takes another line in the place of this one. Whether what it owns may go on serving.
+    pub(super) fn replace(&mut self, line: RequiredLine, rule: Rule) -> bool {
+        let is_alike = std::mem::discriminant(&self.rule) == std::mem::discriminant(&rule);
+        (self.line, self.rule, self.is_new) = (line, rule, true);
+        (self.witnesses, self.steadiest) = (None, None);
+        is_alike
+    }
+
+    /// Checks the line on the whole mesh, or on as little of it as proves the same.
+    pub(super) fn check<T: Terrain>(&mut self, mesh: &DualQueue<T>) -> Result<(), ReadError> {
+        self.is_new = false;
+        self.holds = match self.rule {
+            Rule::Blocked => {
+                self.cover = self.cover.filter(|triangle| covers(mesh, triangle, &self.line));
+                self.cover.is_some() || self.cover_now(mesh)
+            }
+            _ => self.rule.holds(mesh, &self.line)?,
+        };
+        Ok(())
+    }
+
+    /// Checks the line after the diamonds at `changed` were split or merged, and nothing else near it.
+    pub(super) fn check_near<T: Terrain>(&mut self, mesh: &DualQueue<T>, changed: &[Post]) -> Result<(), ReadError> {
+        match self.rule {
+            Rule::Clear if self.holds && !self.is_new => {
+                let is_new_above = |&p: &Post| {
+                    let parts = mesh.root().triangles(p).filter(|t| mesh.height_of(t.apex).is_some());
+                    parts.into_iter().any(|t| {
+                        for_each_triangle_above(mesh, &[t], [self.line.a, self.line.b], |_| ControlFlow::Break(()))
+                            .is_break()
+                    })
+                };
+                self.holds = !changed.iter().filter(|&&p| may_touch(&self.line, p)).any(is_new_above);
+                Ok(())
+            }
+            // While the triangle above it is there, and it is where it was, nothing else counts.
+            Rule::Blocked if self.holds && !self.is_new && self.cover.is_some_and(|t| mesh.has(&t)) => Ok(()),
+            _ if changed.iter().any(|&p| may_touch(&self.line, p)) => self.check(mesh),
+            _ => Ok(()),
+        }
+    }
+
+    /// Looks for a triangle above the line.
+    fn cover_now<T: Terrain>(&mut self, mesh: &DualQueue<T>) -> bool {
+        let _ = for_each_triangle_above(mesh, &mesh.root().roots(), [self.line.a, self.line.b], |triangle| {
+            self.cover = Some(triangle);
+            ControlFlow::Break(())
+        });
+        self.cover.is_some()
+    }
+}
+
+/// Whether a triangle is one of the mesh and above the line somewhere.
+fn covers<T: Terrain>(mesh: &DualQueue<T>, triangle: &Triangle, line: &RequiredLine) -> bool {
+    mesh.has(triangle) && passes_below(line.a, line.b, mesh.corners_in_space(triangle), mesh.grid_posts())
+}
