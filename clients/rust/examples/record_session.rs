@@ -122,6 +122,7 @@ fn entity(terrain: &v1::TerrainDescription, id: u64, place: u64) -> v1::Entity {
         position: Some(position),
         frame: v1::CoordinateFrame::Grid.into(),
         altitude: v1::AltitudeReference::AboveGround.into(),
+        ..Default::default()
     }
 }
 

@@ -125,7 +125,7 @@ mod tests {
         let mut owned: Vec<Post> = Vec::new();
         for n in 0..2000_u64 {
             let roll = synthetic::mix(n);
-            if roll % 2 == 0 || owned.is_empty() {
+            if roll.is_multiple_of(2) || owned.is_empty() {
                 let p = Post::new((roll >> 8) as u32 % 33, (roll >> 20) as u32 % 33);
                 ledger.add(p);
                 owned.push(p);

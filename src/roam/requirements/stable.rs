@@ -25,14 +25,17 @@ use super::{
 };
 use crate::{roam::Terrain, terrain::ReadError};
 
-/// Of the witnesses of a blocked line, the one whose stable set, closed, has the fewest triangles; the first of several.
+/// How many witnesses of a line, the deepest, its stable set may stand on. More of them make smaller sets and cost time.
+pub(super) const MAX_STEADY: usize = 3;
+
+/// Of the deepest witnesses of a blocked line, the one whose stable set, closed, has the fewest triangles; the first of several.
 pub(super) fn steadiest<T: Terrain>(
     ground: &Ground<'_, T>,
     line: &RequiredLine,
     witnesses: &[Witness],
 ) -> Result<Option<Witness>, ReadError> {
     let mut least: Option<(u64, Witness)> = None;
-    for witness in witnesses {
+    for witness in witnesses.iter().take(MAX_STEADY) {
         let mut closure = Ledger::new(ground.grid().root());
         witness_set(ground, line, witness)?.into_iter().for_each(|p| closure.add(p));
         if least.is_none_or(|(triangles, _)| closure.triangles() < triangles) {

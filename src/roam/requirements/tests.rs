@@ -12,7 +12,7 @@ use sightline_proto::{
 use super::{
     ground::Ground,
     rule::first_on,
-    stable::{steadiest, witness_set},
+    stable::{MAX_STEADY, steadiest, witness_set},
     witness::witnesses,
     *,
 };
@@ -205,7 +205,7 @@ fn naive_stable(terrain: &MemoryTerrain, line: &RequiredLine) -> Vec<Post> {
         }
         Some(MeshVerdict::Blocked) => {
             let ground = Ground::new(terrain);
-            let sets = witnesses(&ground, line).unwrap().into_iter().map(|w| {
+            let sets = witnesses(&ground, line).unwrap().into_iter().take(MAX_STEADY).map(|w| {
                 let contains = |t: &Triangle| w.face.corners().iter().all(|&p| covers(t, p));
                 let near = |c: [[f64; 3]; 3], t: f64| {
                     let sign = w.point.height_against_plane(line.a, line.b, c.map(|[x, y, z]| [x, y, z - t]));

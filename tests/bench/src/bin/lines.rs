@@ -122,7 +122,8 @@ impl World {
         let (grid, scale) = (self.terrain.grid(), self.terrain.scale());
         let radius_m = 300.0 + 2000.0 * unit(n + 3);
         let angle = std::f64::consts::TAU * unit(n + 4) + ENTITY_M_S / radius_m * tick / HZ;
-        let (x, y) = ((plan_m[0] + radius_m * angle.cos()) / scale.east_m, (plan_m[1] + radius_m * angle.sin()) / scale.north_m);
+        let (x, y) =
+            ((plan_m[0] + radius_m * angle.cos()) / scale.east_m, (plan_m[1] + radius_m * angle.sin()) / scale.north_m);
         let (x, y) = (x.clamp(0.0, f64::from(grid.nx() - 1)), y.clamp(0.0, f64::from(grid.ny() - 1)));
         Ok(los::on_ground(&*self.terrain, x, y, ABOVE_M / scale.up_m)?.map(|z| [x, y, z]))
     }
@@ -319,8 +320,10 @@ fn blocked_at_an_end_only(mesh: &ViewMesh<MemoryTerrain>, line: &RequiredLine) -
     let mut elsewhere = false;
     let _ = for_each_triangle_met(mesh, line.a, line.b, |t| {
         let at_end = [line.a, line.b].iter().any(|&end| {
-            for_each_triangle_met(mesh, end, end, |s| if s == t { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-                .is_break()
+            for_each_triangle_met(mesh, end, end, |s| {
+                if s == t { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            })
+            .is_break()
         });
         let corners = t.corners().map(|p| [f64::from(p.i), f64::from(p.j), mesh.height(p).unwrap_or(0.0)]);
         elsewhere |= !at_end && passes_below(line.a, line.b, corners, mesh.grid_size());
