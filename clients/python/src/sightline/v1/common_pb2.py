@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19sightline/v1/common.proto\x12\x0csightline.v1\"+\n\x08Position\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01z\x18\x03 \x01(\x01\"O\n\x07Segment\x12!\n\x01\x61\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12!\n\x01\x62\x18\x02 \x01(\x0b\x32\x16.sightline.v1.Position*\xa5\x01\n\x0f\x43oordinateFrame\x12 \n\x1c\x43OORDINATE_FRAME_UNSPECIFIED\x10\x00\x12\x19\n\x15\x43OORDINATE_FRAME_GRID\x10\x01\x12\x18\n\x14\x43OORDINATE_FRAME_MAP\x10\x02\x12\x1f\n\x1b\x43OORDINATE_FRAME_GEOGRAPHIC\x10\x03\x12\x1a\n\x16\x43OORDINATE_FRAME_SCENE\x10\x04*}\n\x11\x41ltitudeReference\x12\"\n\x1e\x41LTITUDE_REFERENCE_UNSPECIFIED\x10\x00\x12\x1f\n\x1b\x41LTITUDE_REFERENCE_ABSOLUTE\x10\x01\x12#\n\x1f\x41LTITUDE_REFERENCE_ABOVE_GROUND\x10\x02*a\n\x07Verdict\x12\x17\n\x13VERDICT_UNSPECIFIED\x10\x00\x12\x13\n\x0fVERDICT_VISIBLE\x10\x01\x12\x13\n\x0fVERDICT_UNKNOWN\x10\x02\x12\x13\n\x0fVERDICT_BLOCKED\x10\x03*p\n\rUnknownReason\x12\x1e\n\x1aUNKNOWN_REASON_UNSPECIFIED\x10\x00\x12!\n\x1dUNKNOWN_REASON_UNKNOWN_GROUND\x10\x01\x12\x1c\n\x18UNKNOWN_REASON_NO_GROUND\x10\x02\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19sightline/v1/common.proto\x12\x0csightline.v1\"+\n\x08Position\x12\t\n\x01x\x18\x01 \x01(\x01\x12\t\n\x01y\x18\x02 \x01(\x01\x12\t\n\x01z\x18\x03 \x01(\x01\"O\n\x07Segment\x12!\n\x01\x61\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12!\n\x01\x62\x18\x02 \x01(\x0b\x32\x16.sightline.v1.Position*\xa5\x01\n\x0f\x43oordinateFrame\x12 \n\x1c\x43OORDINATE_FRAME_UNSPECIFIED\x10\x00\x12\x19\n\x15\x43OORDINATE_FRAME_GRID\x10\x01\x12\x18\n\x14\x43OORDINATE_FRAME_MAP\x10\x02\x12\x1f\n\x1b\x43OORDINATE_FRAME_GEOGRAPHIC\x10\x03\x12\x1a\n\x16\x43OORDINATE_FRAME_SCENE\x10\x04*}\n\x11\x41ltitudeReference\x12\"\n\x1e\x41LTITUDE_REFERENCE_UNSPECIFIED\x10\x00\x12\x1f\n\x1b\x41LTITUDE_REFERENCE_ABSOLUTE\x10\x01\x12#\n\x1f\x41LTITUDE_REFERENCE_ABOVE_GROUND\x10\x02*a\n\x07Verdict\x12\x17\n\x13VERDICT_UNSPECIFIED\x10\x00\x12\x13\n\x0fVERDICT_VISIBLE\x10\x01\x12\x13\n\x0fVERDICT_UNKNOWN\x10\x02\x12\x13\n\x0fVERDICT_BLOCKED\x10\x03*\x8d\x01\n\rUnknownReason\x12\x1e\n\x1aUNKNOWN_REASON_UNSPECIFIED\x10\x00\x12!\n\x1dUNKNOWN_REASON_UNKNOWN_GROUND\x10\x01\x12\x1c\n\x18UNKNOWN_REASON_NO_GROUND\x10\x02\x12\x1b\n\x17UNKNOWN_REASON_INACTIVE\x10\x03\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -37,8 +37,8 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_ALTITUDEREFERENCE']._serialized_end=462
   _globals['_VERDICT']._serialized_start=464
   _globals['_VERDICT']._serialized_end=561
-  _globals['_UNKNOWNREASON']._serialized_start=563
-  _globals['_UNKNOWNREASON']._serialized_end=675
+  _globals['_UNKNOWNREASON']._serialized_start=564
+  _globals['_UNKNOWNREASON']._serialized_end=705
   _globals['_POSITION']._serialized_start=43
   _globals['_POSITION']._serialized_end=86
   _globals['_SEGMENT']._serialized_start=88

@@ -32,6 +32,7 @@ class UnknownReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     UNKNOWN_REASON_UNSPECIFIED: _ClassVar[UnknownReason]
     UNKNOWN_REASON_UNKNOWN_GROUND: _ClassVar[UnknownReason]
     UNKNOWN_REASON_NO_GROUND: _ClassVar[UnknownReason]
+    UNKNOWN_REASON_INACTIVE: _ClassVar[UnknownReason]
 COORDINATE_FRAME_UNSPECIFIED: CoordinateFrame
 COORDINATE_FRAME_GRID: CoordinateFrame
 COORDINATE_FRAME_MAP: CoordinateFrame
@@ -47,6 +48,7 @@ VERDICT_BLOCKED: Verdict
 UNKNOWN_REASON_UNSPECIFIED: UnknownReason
 UNKNOWN_REASON_UNKNOWN_GROUND: UnknownReason
 UNKNOWN_REASON_NO_GROUND: UnknownReason
+UNKNOWN_REASON_INACTIVE: UnknownReason
 
 class Position(_message.Message):
     __slots__ = ("x", "y", "z")

@@ -14,22 +14,26 @@ class Fidelity(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FIDELITY_VERDICT: _ClassVar[Fidelity]
     FIDELITY_WEDGIE: _ClassVar[Fidelity]
     FIDELITY_PROFILE: _ClassVar[Fidelity]
+    FIDELITY_OBSTRUCTION: _ClassVar[Fidelity]
 FIDELITY_UNSPECIFIED: Fidelity
 FIDELITY_VERDICT: Fidelity
 FIDELITY_WEDGIE: Fidelity
 FIDELITY_PROFILE: Fidelity
+FIDELITY_OBSTRUCTION: Fidelity
 
 class Entity(_message.Message):
-    __slots__ = ("id", "position", "frame", "altitude")
+    __slots__ = ("id", "position", "frame", "altitude", "ground_m")
     ID_FIELD_NUMBER: _ClassVar[int]
     POSITION_FIELD_NUMBER: _ClassVar[int]
     FRAME_FIELD_NUMBER: _ClassVar[int]
     ALTITUDE_FIELD_NUMBER: _ClassVar[int]
+    GROUND_M_FIELD_NUMBER: _ClassVar[int]
     id: int
     position: _common_pb2.Position
     frame: _common_pb2.CoordinateFrame
     altitude: _common_pb2.AltitudeReference
-    def __init__(self, id: _Optional[int] = ..., position: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., altitude: _Optional[_Union[_common_pb2.AltitudeReference, str]] = ...) -> None: ...
+    ground_m: float
+    def __init__(self, id: _Optional[int] = ..., position: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., altitude: _Optional[_Union[_common_pb2.AltitudeReference, str]] = ..., ground_m: _Optional[float] = ...) -> None: ...
 
 class Anchor(_message.Message):
     __slots__ = ("entity", "point")
@@ -58,32 +62,50 @@ class PointAnchor(_message.Message):
     def __init__(self, position: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., altitude: _Optional[_Union[_common_pb2.AltitudeReference, str]] = ...) -> None: ...
 
 class SightLine(_message.Message):
-    __slots__ = ("id", "a", "b", "fidelity", "priority")
+    __slots__ = ("id", "a", "b", "fidelity", "priority", "obstruction_distance_m", "range_m", "region")
     ID_FIELD_NUMBER: _ClassVar[int]
     A_FIELD_NUMBER: _ClassVar[int]
     B_FIELD_NUMBER: _ClassVar[int]
     FIDELITY_FIELD_NUMBER: _ClassVar[int]
     PRIORITY_FIELD_NUMBER: _ClassVar[int]
+    OBSTRUCTION_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    RANGE_M_FIELD_NUMBER: _ClassVar[int]
+    REGION_FIELD_NUMBER: _ClassVar[int]
     id: int
     a: Anchor
     b: Anchor
     fidelity: Fidelity
     priority: int
-    def __init__(self, id: _Optional[int] = ..., a: _Optional[_Union[Anchor, _Mapping]] = ..., b: _Optional[_Union[Anchor, _Mapping]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., priority: _Optional[int] = ...) -> None: ...
+    obstruction_distance_m: float
+    range_m: float
+    region: Disc
+    def __init__(self, id: _Optional[int] = ..., a: _Optional[_Union[Anchor, _Mapping]] = ..., b: _Optional[_Union[Anchor, _Mapping]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., priority: _Optional[int] = ..., obstruction_distance_m: _Optional[float] = ..., range_m: _Optional[float] = ..., region: _Optional[_Union[Disc, _Mapping]] = ...) -> None: ...
+
+class Disc(_message.Message):
+    __slots__ = ("centre", "frame", "radius_m")
+    CENTRE_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    RADIUS_M_FIELD_NUMBER: _ClassVar[int]
+    centre: _common_pb2.Position
+    frame: _common_pb2.CoordinateFrame
+    radius_m: float
+    def __init__(self, centre: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., radius_m: _Optional[float] = ...) -> None: ...
 
 class SightLineState(_message.Message):
-    __slots__ = ("id", "resolved", "verdict", "unknown_reason", "fidelity")
+    __slots__ = ("id", "resolved", "verdict", "unknown_reason", "fidelity", "obstruction_distance_m")
     ID_FIELD_NUMBER: _ClassVar[int]
     RESOLVED_FIELD_NUMBER: _ClassVar[int]
     VERDICT_FIELD_NUMBER: _ClassVar[int]
     UNKNOWN_REASON_FIELD_NUMBER: _ClassVar[int]
     FIDELITY_FIELD_NUMBER: _ClassVar[int]
+    OBSTRUCTION_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     id: int
     resolved: _common_pb2.Segment
     verdict: _common_pb2.Verdict
     unknown_reason: _common_pb2.UnknownReason
     fidelity: Fidelity
-    def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ...) -> None: ...
+    obstruction_distance_m: float
+    def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., obstruction_distance_m: _Optional[float] = ...) -> None: ...
 
 class CreateExerciseRequest(_message.Message):
     __slots__ = ("name",)

@@ -212,15 +212,17 @@ class ExerciseUpdate(_message.Message):
     def __init__(self, epoch: _Optional[int] = ..., changed: _Optional[_Iterable[_Union[_exercise_pb2.SightLineState, _Mapping]]] = ..., removed: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class UnsatisfiedLine(_message.Message):
-    __slots__ = ("id", "reason")
+    __slots__ = ("id", "reason", "lacking_triangles")
     ID_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
+    LACKING_TRIANGLES_FIELD_NUMBER: _ClassVar[int]
     id: int
     reason: UnsatisfiedReason
-    def __init__(self, id: _Optional[int] = ..., reason: _Optional[_Union[UnsatisfiedReason, str]] = ...) -> None: ...
+    lacking_triangles: int
+    def __init__(self, id: _Optional[int] = ..., reason: _Optional[_Union[UnsatisfiedReason, str]] = ..., lacking_triangles: _Optional[int] = ...) -> None: ...
 
 class Frame(_message.Message):
-    __slots__ = ("sequence", "base_sequence", "pose_sequence", "epoch", "mesh", "triangle_count", "distortion_bound_px", "mesh_hash", "now_unsatisfied", "no_longer_unsatisfied", "held_back_ms")
+    __slots__ = ("sequence", "base_sequence", "pose_sequence", "epoch", "mesh", "triangle_count", "distortion_bound_px", "mesh_hash", "now_unsatisfied", "no_longer_unsatisfied", "now_off_ground", "no_longer_off_ground", "held_back_ms")
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     BASE_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     POSE_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
@@ -231,6 +233,8 @@ class Frame(_message.Message):
     MESH_HASH_FIELD_NUMBER: _ClassVar[int]
     NOW_UNSATISFIED_FIELD_NUMBER: _ClassVar[int]
     NO_LONGER_UNSATISFIED_FIELD_NUMBER: _ClassVar[int]
+    NOW_OFF_GROUND_FIELD_NUMBER: _ClassVar[int]
+    NO_LONGER_OFF_GROUND_FIELD_NUMBER: _ClassVar[int]
     HELD_BACK_MS_FIELD_NUMBER: _ClassVar[int]
     sequence: int
     base_sequence: int
@@ -242,8 +246,10 @@ class Frame(_message.Message):
     mesh_hash: int
     now_unsatisfied: _containers.RepeatedCompositeFieldContainer[UnsatisfiedLine]
     no_longer_unsatisfied: _containers.RepeatedScalarFieldContainer[int]
+    now_off_ground: _containers.RepeatedScalarFieldContainer[int]
+    no_longer_off_ground: _containers.RepeatedScalarFieldContainer[int]
     held_back_ms: int
-    def __init__(self, sequence: _Optional[int] = ..., base_sequence: _Optional[int] = ..., pose_sequence: _Optional[int] = ..., epoch: _Optional[int] = ..., mesh: _Optional[bytes] = ..., triangle_count: _Optional[int] = ..., distortion_bound_px: _Optional[float] = ..., mesh_hash: _Optional[int] = ..., now_unsatisfied: _Optional[_Iterable[_Union[UnsatisfiedLine, _Mapping]]] = ..., no_longer_unsatisfied: _Optional[_Iterable[int]] = ..., held_back_ms: _Optional[int] = ...) -> None: ...
+    def __init__(self, sequence: _Optional[int] = ..., base_sequence: _Optional[int] = ..., pose_sequence: _Optional[int] = ..., epoch: _Optional[int] = ..., mesh: _Optional[bytes] = ..., triangle_count: _Optional[int] = ..., distortion_bound_px: _Optional[float] = ..., mesh_hash: _Optional[int] = ..., now_unsatisfied: _Optional[_Iterable[_Union[UnsatisfiedLine, _Mapping]]] = ..., no_longer_unsatisfied: _Optional[_Iterable[int]] = ..., now_off_ground: _Optional[_Iterable[int]] = ..., no_longer_off_ground: _Optional[_Iterable[int]] = ..., held_back_ms: _Optional[int] = ...) -> None: ...
 
 class WatchViewsRequest(_message.Message):
     __slots__ = ()
