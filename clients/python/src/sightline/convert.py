@@ -151,6 +151,8 @@ def sight_line(given: SightLine) -> exercise_wire.SightLine:
         b=_anchor(given.b),
         fidelity=cast(exercise_wire.Fidelity, int(given.fidelity)),
         priority=given.priority,
+        obstruction_distance_m=given.obstruction_distance_m,
+        range_m=given.range_m,
     )
 
 

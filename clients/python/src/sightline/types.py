@@ -46,6 +46,7 @@ class UnknownReason(enum.IntEnum):
     NOT_UNKNOWN = 0
     UNKNOWN_GROUND = 1
     NO_GROUND = 2
+    INACTIVE = 3
 
 
 class Fidelity(enum.IntEnum):
@@ -54,6 +55,7 @@ class Fidelity(enum.IntEnum):
     VERDICT = 1
     WEDGIE = 2
     PROFILE = 3
+    OBSTRUCTION = 4
 
 
 class LineState(enum.IntEnum):
@@ -315,6 +317,10 @@ class SightLine:
     b: AtEntity | AtPoint
     fidelity: Fidelity = Fidelity.VERDICT
     priority: int = 0
+    obstruction_distance_m: float = 0.0
+    """Of fidelity OBSTRUCTION: how far off the first obstruction may be."""
+    range_m: float = 0.0
+    """A longer line is inactive; 0: no limit."""
 
 
 @dataclass(frozen=True, slots=True)
