@@ -13,7 +13,7 @@ use super::{
     Database, OpenError, OpenOptions, WriteError,
     directory::{self, BLOCK_ENTRIES},
     envelope,
-    format::{self, Element},
+    format::{self, Element, Kind},
     layout::Paging,
     manifest::{Manifest, TerrainManifest},
     source::PageSource,
@@ -22,7 +22,7 @@ use super::{
     writer::{Content, Sink, plan, publish},
 };
 use crate::{
-    terrain::{Grid, HeightField, MemoryField, PageId, ReadError},
+    terrain::{Grid, HeightField, MemoryField, PageId, Posts, ReadError, extremes},
     wedgie::{BoundsPyramid, ErrorBounds, Lattice},
 };
 
@@ -227,7 +227,8 @@ fn a_huge_sparse_file_opens_with_little_read_and_its_holes_are_damage() {
     let manifest = Manifest { terrain, provenance: super::Provenance::default(), version: [7; 16] };
     let manifest = envelope::seal(&manifest).unwrap();
     let lattices: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
-    let (sections, file_bytes) = plan(manifest.len() as u64, grid, Element::I16, 0, &lattices);
+    let bitmaps = vec![0; extremes::levels(grid) as usize];
+    let (sections, file_bytes) = plan(manifest.len() as u64, grid, Element::I16, 0, &lattices, &bitmaps);
     let per_post = file_bytes as f64 / grid.posts() as f64;
     assert!((4.2..4.3).contains(&per_post), "{per_post} bytes a post");
     let front = [format::encode_front(&sections, file_bytes), manifest].concat();
@@ -307,4 +308,68 @@ fn lying_tables_are_refused() {
         bad[..front.len()].copy_from_slice(&front);
         assert!(Database::open_whole(Bytes::boxed(&bad), NO_CACHE).is_err(), "section {n} left out");
     }
+}
+
+/// The block around each post: what a database keeps of it.
+fn blocks(field: &impl HeightField) -> Vec<Result<Option<(f32, f32)>, ReadError>> {
+    let mut posts = Posts::new(field);
+    let (nx, ny) = (field.grid().nx(), field.grid().ny());
+    (0..ny).flat_map(|j| (0..nx).map(move |i| (i, j))).map(|(i, j)| posts.block_around(i, j)).collect()
+}
+
+#[test]
+fn extremes_are_those_of_the_heights_and_a_file_without_them_is_read_too() {
+    for (nx, ny, factor, voids) in
+        [(200, 131, 1, true), (70, 1100, 1, false), (130, 66, -70_000, true), (64, 64, 1, true)]
+    {
+        let field = terrain(nx, ny, 11, factor, voids);
+        let (bytes, _) = written(&field, usize::MAX);
+        let database = Database::open_whole(Bytes::boxed(&bytes), OpenOptions::default()).unwrap();
+        assert_eq!(blocks(&database), blocks(&field));
+        let rows = 3..ny - 2;
+        let stretch = |field: &dyn HeightField| Posts::new(field).greatest(1..=nx - 2, rows.start..=rows.end).unwrap();
+        assert_eq!(stretch(&database), stretch(&field));
+        // A kind that this program does not know, in their place.
+        let mut sections = database.sections.clone();
+        sections.iter_mut().filter(|s| s.kind == Kind::Extremes).for_each(|s| s.kind = Kind::Other(99));
+        let front = format::encode_front(&sections, bytes.len() as u64);
+        let mut without = bytes.clone();
+        without[..front.len()].copy_from_slice(&front);
+        let old = Database::open_whole(Bytes::boxed(&without), OpenOptions::default()).unwrap();
+        assert!(blocks(&old).iter().all(|block| *block == Ok(None)));
+        assert_eq!((unreadable_pages(&old, &field), old.version()), (0, database.version()));
+        assert!(verify_source(Bytes::boxed(&without), &|_, _| ()).unwrap().damage.is_empty());
+    }
+}
+
+/// A page whose bytes changed is an error for who needs it; one whose values are not those of the heights, checksum and
+/// all, is found by verification.
+#[test]
+fn damaged_and_wrong_extremes_are_found() {
+    let field = terrain(150, 1040, 3, 1, true);
+    let (bytes, _) = written(&field, usize::MAX);
+    let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
+    for (level, &section) in database.extremes.iter().enumerate() {
+        let s = database.sections[section];
+        let paging = Paging::of_section(&s).unwrap();
+        let (page, entry) = database.page_bytes(section, &paging, 0).unwrap();
+        let mut bad = bytes.clone();
+        bad[entry.offset as usize] ^= 1;
+        let damaged = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
+        let error = damaged.extremes(level as u32 + 1, PageId { pi: 0, pj: 0 }).unwrap_err().to_string();
+        assert!(error.contains(&format!("page (0, 0) of extremes of level {}", level + 1)), "{error}");
+        assert_eq!(blocks(&damaged).iter().any(Result::is_err), level == 0);
+        // The same change under a checksum that fits it: the least height is one less.
+        let mut entries = database.directory_block(section, 0).unwrap().to_vec();
+        let mut page = page;
+        let least = i16::from_le_bytes([page[0], page[1]]) - 1;
+        page[..2].copy_from_slice(&least.to_le_bytes());
+        entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
+        let directory = directory::encode(&entries);
+        bad[entry.offset as usize..][..page.len()].copy_from_slice(&page);
+        bad[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
+        let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();
+        assert!(found.damage.iter().any(|d| d.contains("not those of the heights")), "{found:?}");
+    }
+    assert_eq!(database.extremes.len(), 2);
 }

@@ -21,7 +21,7 @@ const HEADER_CHECKSUM_AT: usize = TABLE_CHECKSUM_AT + 8;
 pub(super) const HEADER_BYTES: usize = HEADER_CHECKSUM_AT + 8;
 /// Bytes of an entry of the table.
 pub(super) const SECTION_BYTES: usize = 56;
-/// Greatest number of sections: a manifest, heights, 29 lattices of bounds, and as many again for later kinds.
+/// Greatest number of sections: a manifest, heights, 29 lattices of bounds, 5 levels of extremes, and as many again for later kinds.
 pub(super) const MAX_SECTIONS: u32 = 64;
 
 /// The bit of a section's flags that says that a reader which does not know its kind must refuse the file.
@@ -36,6 +36,8 @@ pub(super) enum Kind {
     Heights,
     /// Pages of bounds on the lattice of step 2^level.
     Bounds,
+    /// Pages of the least and greatest heights of blocks of posts. Optional.
+    Extremes,
     /// Something that this version does not know and need not.
     Other(u32),
 }
@@ -46,6 +48,7 @@ impl Kind {
             1 => Self::Manifest,
             2 => Self::Heights,
             3 => Self::Bounds,
+            4 => Self::Extremes,
             n => Self::Other(n),
         }
     }
@@ -55,6 +58,7 @@ impl Kind {
             Self::Manifest => 1,
             Self::Heights => 2,
             Self::Bounds => 3,
+            Self::Extremes => 4,
             Self::Other(n) => n,
         }
     }
@@ -73,6 +77,10 @@ pub(super) enum Element {
     Bounds,
     /// The same in 24 bits each: an f32 that is not negative without its sign and its last seven bits.
     ShortBounds,
+    /// A least and a greatest height, of 16 bits each.
+    PairI16,
+    /// The same of 32 bits each.
+    PairI32,
     /// Of a section that is skipped.
     Other(u32),
 }
@@ -85,6 +93,8 @@ impl Element {
             2 => Self::I32,
             3 => Self::Bounds,
             4 => Self::ShortBounds,
+            5 => Self::PairI16,
+            6 => Self::PairI32,
             n => Self::Other(n),
         }
     }
@@ -96,6 +106,8 @@ impl Element {
             Self::I32 => 2,
             Self::Bounds => 3,
             Self::ShortBounds => 4,
+            Self::PairI16 => 5,
+            Self::PairI32 => 6,
             Self::Other(n) => n,
         }
     }
@@ -107,9 +119,9 @@ pub(super) struct Section {
     pub(super) kind: Kind,
     pub(super) flags: u32,
     pub(super) element: Element,
-    /// For bounds: the exponent of the lattice's step.
+    /// For bounds: the exponent of the lattice's step. For extremes: their level.
     pub(super) level: u32,
-    /// Elements from west to east and from south to north: posts of the grid, or of the lattice.
+    /// Elements from west to east and from south to north: posts of the grid, or of the lattice, or blocks.
     pub(super) columns: u32,
     pub(super) rows: u32,
     pub(super) pages: u64,
@@ -163,6 +175,7 @@ impl Section {
             Kind::Manifest => "manifest".into(),
             Kind::Heights => "heights".into(),
             Kind::Bounds => format!("bounds of step {}", 1_u64 << self.level.min(63)),
+            Kind::Extremes => format!("extremes of level {}", self.level),
             Kind::Other(n) => format!("section of unknown kind {n}"),
         }
     }

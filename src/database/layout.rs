@@ -35,7 +35,7 @@ pub(super) struct Paging {
 }
 
 impl Paging {
-    /// The pages of a grid of `nx` by `ny` posts.
+    /// The pages of a grid of `nx` by `ny` posts, or of a level of as many blocks.
     pub(super) fn of_heights(nx: u32, ny: u32) -> Self {
         Self { cells: (nx, ny), side: PAGE_SIDE }
     }
@@ -48,7 +48,9 @@ impl Paging {
     /// The pages of a section, or `None` when it has none.
     pub(super) fn of_section(section: &Section) -> Option<Self> {
         match section.element {
-            Element::I16 | Element::I32 => Some(Self::of_heights(section.columns, section.rows)),
+            Element::I16 | Element::I32 | Element::PairI16 | Element::PairI32 => {
+                Some(Self::of_heights(section.columns, section.rows))
+            }
             Element::Bounds | Element::ShortBounds => Some(Self::of_lattice(section.columns, section.rows)),
             Element::Byte | Element::Other(_) => None,
         }

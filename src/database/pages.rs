@@ -1,4 +1,4 @@
-//! The bytes of one page, of heights or of bounds, and what they decode to.
+//! The bytes of one page, of heights, of bounds or of extremes, and what they decode to.
 
 use super::{
     directory::HAS_VOIDS,
@@ -6,7 +6,7 @@ use super::{
     layout::{QUAD_DIAMONDS, QUAD_SIDE},
 };
 use crate::{
-    terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, Samples},
+    terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, Samples, extremes::Extremes},
     wedgie::DiamondBounds,
 };
 
@@ -16,7 +16,8 @@ pub(super) fn page_bytes(element: Element, size: (u32, u32), flags: u32) -> Opti
     let voids = if flags == HAS_VOIDS { cells.div_ceil(8) } else { 0 };
     match (element, flags) {
         (Element::I16, 0 | HAS_VOIDS) => Some(2 * cells + voids),
-        (Element::I32, 0 | HAS_VOIDS) => Some(4 * cells + voids),
+        (Element::I32 | Element::PairI16, 0 | HAS_VOIDS) => Some(4 * cells + voids),
+        (Element::PairI32, 0 | HAS_VOIDS) => Some(8 * cells + voids),
         (Element::Bounds, 0) => Some(12 * cells * QUAD_DIAMONDS),
         (Element::ShortBounds, 0) => Some(SHORT_BYTES * cells * QUAD_DIAMONDS),
         _ => None,
@@ -108,6 +109,53 @@ fn decode_voids(bits: &[u8], cells: usize, size: (u32, u32)) -> Result<Box<[u64;
         voids[index / 64] |= u64::from(bits[n / 8] >> (n % 8) & 1) << (index % 64);
     }
     Ok(voids)
+}
+
+/// The bytes of a page of extremes and its flags, from the values of its `size` blocks; `None` when a height does not fit
+/// the element.
+pub(super) fn encode_extremes(values: &[Extremes], element: Element) -> Option<(Vec<u8>, u32)> {
+    let mut out = Vec::new();
+    let mut bits = vec![0_u8; values.len().div_ceil(8)];
+    for (n, value) in values.iter().enumerate() {
+        for z in [exact_i32(value.least)?, exact_i32(value.greatest)?] {
+            match element {
+                Element::PairI16 => out.extend_from_slice(&i16::try_from(z).ok()?.to_le_bytes()),
+                _ => out.extend_from_slice(&z.to_le_bytes()),
+            }
+        }
+        bits[n / 8] |= u8::from(value.void) << (n % 8);
+    }
+    if bits.iter().all(|&b| b == 0) {
+        return Some((out, 0));
+    }
+    out.extend_from_slice(&bits);
+    Some((out, HAS_VOIDS))
+}
+
+/// The values of a page of extremes, laid out as a [`HeightPage`] is; nothing beyond its size.
+pub(super) fn decode_extremes(
+    bytes: &[u8],
+    element: Element,
+    size: (u32, u32),
+    flags: u32,
+) -> Result<Box<[Extremes; PAGE_POSTS]>, String> {
+    let cells = (size.0 * size.1) as usize;
+    let width = if element == Element::PairI16 { 2 } else { 4 };
+    let (values, bits) = bytes.split_at(2 * width * cells);
+    let voids = if flags == HAS_VOIDS { Some(decode_voids(bits, cells, size)?) } else { None };
+    let heights: Vec<i32> = match element {
+        Element::PairI16 => values.as_chunks::<2>().0.iter().map(|b| i16::from_le_bytes(*b).into()).collect(),
+        _ => values.as_chunks::<4>().0.iter().map(|b| i32::from_le_bytes(*b)).collect(),
+    };
+    let mut all = Box::new([Extremes::NOTHING; PAGE_POSTS]);
+    for (index, &[least, greatest]) in posts(size).zip(heights.as_chunks::<2>().0) {
+        if least > greatest {
+            return Err(format!("a least height of {least} above a greatest of {greatest}"));
+        }
+        let void = voids.as_ref().is_some_and(|v| v[index / 64] >> (index % 64) & 1 == 1);
+        all[index] = Extremes { least: least.into(), greatest: greatest.into(), void };
+    }
+    Ok(all)
 }
 
 /// Bytes that a decoded page of heights keeps in memory, about.

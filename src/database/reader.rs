@@ -17,7 +17,10 @@ use super::{
     source::{FileSource, PageSource},
 };
 use crate::{
-    terrain::{Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, ReadError, SceneScale},
+    terrain::{
+        Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, ReadError, SceneScale,
+        extremes::{self, ExtremesPage},
+    },
     wedgie::{DiamondBounds, ErrorBounds, finest_bounds_with},
 };
 
@@ -55,6 +58,8 @@ pub struct Database {
     /// Number of the section of heights, and of the bounds of each stored level, from level 1.
     pub(super) heights: usize,
     pub(super) lattices: Vec<usize>,
+    /// Numbers of the sections of extremes, from level 1; none in files without.
+    pub(super) extremes: Vec<usize>,
     cache: Cache<Cached>,
 }
 
@@ -62,6 +67,7 @@ pub struct Database {
 enum Cached {
     Heights(Arc<HeightPage>),
     Bounds(Arc<BoundsPage>),
+    Extremes(Arc<ExtremesPage>),
     Directory(Arc<[Entry]>),
 }
 
@@ -113,9 +119,9 @@ impl Database {
         let manifest = read_manifest(&*source, &sections)?;
         let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
             .map_err(|e| OpenError::damaged("manifest", e.to_string()))?;
-        let (heights, lattices) = check_sections(&sections, grid)?;
+        let Numbers { heights, lattices, extremes } = check_sections(&sections, grid)?;
         let cache = Cache::new(options.cache_bytes);
-        Ok(Self { source, file_bytes: header.file_bytes, sections, manifest, grid, heights, lattices, cache })
+        Ok(Self { source, file_bytes: header.file_bytes, sections, manifest, grid, heights, lattices, extremes, cache })
     }
 
     /// The extent of the grid.
@@ -263,6 +269,23 @@ impl HeightField for Database {
         self.cache.insert(key, Cached::Heights(Arc::clone(&page)), pages::heights_weight(&page));
         Ok(page)
     }
+
+    fn extremes(&self, level: u32, id: PageId) -> Result<Option<Arc<ExtremesPage>>, ReadError> {
+        let Some(&section) = (level as usize).checked_sub(1).and_then(|n| self.extremes.get(n)) else {
+            return Ok(None);
+        };
+        let key = page_key(section, id);
+        if let Some(Cached::Extremes(page)) = self.cache.get(key) {
+            return Ok(Some(page));
+        }
+        let s = &self.sections[section];
+        let paging = Paging::of_heights(s.columns, s.rows);
+        let (bytes, entry) = self.page_bytes(section, &paging, paging.number(id))?;
+        let values = pages::decode_extremes(&bytes, s.element, paging.size(id), entry.flags);
+        let page = Arc::new(ExtremesPage::new(&*values.map_err(|e| self.damaged(section, id, e))?));
+        self.cache.insert(key, Cached::Extremes(Arc::clone(&page)), page.weight());
+        Ok(Some(page))
+    }
 }
 
 impl ErrorBounds for Database {
@@ -335,11 +358,19 @@ fn read_manifest(source: &dyn PageSource, sections: &[Section]) -> Result<Manife
     })
 }
 
-/// Checks the sections against the grid; the numbers of the heights and of each level of bounds.
-fn check_sections(sections: &[Section], grid: Grid) -> Result<(usize, Vec<usize>), OpenError> {
+/// The numbers of sections: of heights, of bounds by level from 1, of extremes by level from 1.
+struct Numbers {
+    heights: usize,
+    lattices: Vec<usize>,
+    extremes: Vec<usize>,
+}
+
+/// Checks the sections against the grid.
+fn check_sections(sections: &[Section], grid: Grid) -> Result<Numbers, OpenError> {
     let damaged = |detail: String| OpenError::damaged("table of sections", detail);
     let mut heights = Vec::new();
     let mut lattices = Vec::new();
+    let mut extremes = Vec::new();
     for (number, section) in sections.iter().enumerate().skip(1) {
         let side = grid.root().side();
         let fits = match (section.kind, section.element) {
@@ -352,6 +383,11 @@ fn check_sections(sections: &[Section], grid: Grid) -> Result<(usize, Vec<usize>
                 let most = side.checked_shr(section.level).map_or(0, |n| n + 1);
                 section.level as usize == lattices.len() && section.columns <= most && section.rows <= most
             }
+            (Kind::Extremes, Element::PairI16 | Element::PairI32) => {
+                extremes.push(number);
+                section.level as usize == extremes.len()
+                    && (section.columns, section.rows) == extremes::extent(grid, section.level)
+            }
             (Kind::Other(_), _) => continue,
             _ => false,
         };
@@ -362,8 +398,15 @@ fn check_sections(sections: &[Section], grid: Grid) -> Result<(usize, Vec<usize>
         }
     }
     let levels = stored_levels(grid.root().exponent()).len();
+    let levels_of_extremes = extremes::levels(grid) as usize;
+    if !extremes.is_empty() && extremes.len() != levels_of_extremes {
+        return Err(damaged(format!(
+            "{} sections of extremes, where {levels_of_extremes} or none are needed",
+            extremes.len()
+        )));
+    }
     match heights[..] {
-        [heights] if lattices.len() == levels => Ok((heights, lattices)),
+        [heights] if lattices.len() == levels => Ok(Numbers { heights, lattices, extremes }),
         _ => Err(damaged(format!(
             "{} sections of heights and {} of bounds, where 1 and {levels} are needed",
             heights.len(),

@@ -12,9 +12,12 @@ use super::{
     layout::Paging,
     pages,
     source::{FileSource, PageSource},
-    writer::hash_section,
+    writer::{hash_section, is_hashed},
 };
-use crate::terrain::{PAGE_SIDE, ReadError};
+use crate::terrain::{
+    HeightField, PAGE_POSTS, PAGE_SIDE, PageId, ReadError,
+    extremes::{BLOCK_SIDE, Extremes, extent},
+};
 
 /// What verification found.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -69,7 +72,9 @@ pub(super) fn verify_source(
         }
         found.pages += section.pages;
         found.good_pages += seen.checksums.len() as u64;
-        hash_section(&mut hash, section, seen.checksums.iter().copied());
+        if is_hashed(section) {
+            hash_section(&mut hash, section, seen.checksums.iter().copied());
+        }
         found.damage.extend(seen.damage);
         heights = heights.or((section.kind == Kind::Heights).then_some((seen.range, seen.void_posts)));
     }
@@ -153,6 +158,11 @@ fn check_page(database: &Database, section: usize, paging: &Paging, n: u64) -> R
         pages::decode_bounds(&bytes, s.element, size).map_err(damaged)?;
         return Ok(seen);
     }
+    if s.kind == Kind::Extremes {
+        let values = pages::decode_extremes(&bytes, s.element, size, entry.flags).map_err(damaged)?;
+        check_extremes(database, s.level, id, &values).map_err(damaged)?;
+        return Ok(seen);
+    }
     let page = pages::decode_heights(&bytes, s.element, size, entry.flags).map_err(damaged)?;
     debug_assert!(size.0 <= PAGE_SIDE && size.1 <= PAGE_SIDE);
     for (j, i) in (0..size.1).flat_map(|j| (0..size.0).map(move |i| (j, i))) {
@@ -166,4 +176,32 @@ fn check_page(database: &Database, section: usize, paging: &Paging, n: u64) -> R
         }
     }
     Ok(seen)
+}
+
+/// Holds a page of extremes against the level below. What cannot be read there is damage of its own, found there.
+fn check_extremes(database: &Database, level: u32, id: PageId, values: &[Extremes; PAGE_POSTS]) -> Result<(), String> {
+    // Pages of the level below along the side of this one, and the values of this one that each gives.
+    let (side, gives) = if level == 1 { (BLOCK_SIDE, PAGE_SIDE / BLOCK_SIDE) } else { (PAGE_SIDE, 1) };
+    let (columns, rows) = extent(database.grid(), level - 1);
+    let (columns, rows) = (columns.div_ceil(PAGE_SIDE), rows.div_ceil(PAGE_SIDE));
+    let (west, south) = (id.pi * side, id.pj * side);
+    for below in
+        (south..rows.min(south + side)).flat_map(|pj| (west..columns.min(west + side)).map(move |pi| PageId { pi, pj }))
+    {
+        let found: Vec<_> = if level == 1 {
+            let Ok(page) = database.page(below) else { continue };
+            Extremes::of_blocks(&page, database.grid().page_size(below)).collect()
+        } else {
+            let Ok(Some(page)) = database.extremes(level - 1, below) else { continue };
+            vec![page.all()]
+        };
+        let across = if level == 1 { database.grid().page_size(below).0.div_ceil(BLOCK_SIDE) } else { 1 };
+        for (n, value) in (0..).zip(found) {
+            let (i, j) = ((below.pi - west) * gives + n % across, (below.pj - south) * gives + n / across);
+            if values[(j * PAGE_SIDE + i) as usize] != value {
+                return Err("its values are not those of the heights".into());
+            }
+        }
+    }
+    Ok(())
 }

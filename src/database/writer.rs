@@ -21,7 +21,10 @@ use super::{
     pages,
 };
 use crate::{
-    terrain::{Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, SceneScale},
+    terrain::{
+        Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, SceneScale,
+        extremes::{self, Extremes, Values},
+    },
     wedgie::{BoundsPyramid, DiamondBounds, Lattice},
 };
 
@@ -132,6 +135,8 @@ pub(super) struct Content<'a, H> {
     field: &'a H,
     bounds: &'a BoundsPyramid,
     manifest: Manifest,
+    /// Extremes of blocks by level from 1.
+    levels: Vec<Values>,
     sections: Vec<Section>,
     file_bytes: u64,
 }
@@ -185,9 +190,11 @@ impl<'a, H: HeightField> Content<'a, H> {
                 format!("the manifest has {manifest_bytes} bytes, more than {MANIFEST_LIMIT}: name fewer sources");
             return Err(WriteError::Description(words));
         }
+        let levels = extremes::extremes_of(grid, |id| field.page(id))?;
+        let bitmaps: Vec<_> = (1..).zip(&levels).map(|(level, values)| bitmap_bytes(grid, level, values)).collect();
         let (sections, file_bytes) =
-            plan(manifest_bytes as u64, grid, survey.element(), survey.bitmap_bytes, &lattices);
-        Ok(Self { field, bounds, manifest, sections, file_bytes })
+            plan(manifest_bytes as u64, grid, survey.element(), survey.bitmap_bytes, &lattices, &bitmaps);
+        Ok(Self { field, bounds, manifest, levels, sections, file_bytes })
     }
 
     /// Writes the file: pages, then directories, then the front matter.
@@ -208,7 +215,9 @@ impl<'a, H: HeightField> Content<'a, H> {
                 progress(posts);
             })?;
             sink.write_at(section.offset, &directory::encode(&entries)).map_err(io_error)?;
-            hash_section(&mut hash, section, entries.iter().map(|e| e.checksum));
+            if is_hashed(section) {
+                hash_section(&mut hash, section, entries.iter().map(|e| e.checksum));
+            }
         }
         self.manifest.version = hash.digest128().to_be_bytes();
         let manifest = envelope::seal(&self.manifest)?;
@@ -241,10 +250,15 @@ impl<'a, H: HeightField> Content<'a, H> {
 
     fn encode(&self, section: &Section, paging: &Paging, id: PageId) -> Result<(Vec<u8>, u32), WriteError> {
         let size = paging.size(id);
+        let changed = || WriteError::Description("the terrain changed while it was written".into());
         if section.kind == Kind::Heights {
             let page = self.field.page(id)?;
-            let changed = || WriteError::Description("the terrain changed while it was written".into());
             return pages::encode_heights(&page, section.element, size).ok_or_else(changed);
+        }
+        if section.kind == Kind::Extremes {
+            let values = &self.levels[section.level as usize - 1];
+            let of_page: Vec<_> = extremes::of_page(values, section.columns, id).copied().collect();
+            return pages::encode_extremes(&of_page, section.element).ok_or_else(changed);
         }
         let mut out = Vec::new();
         let lattice = &self.bounds.lattices()[section.level as usize - 1];
@@ -265,13 +279,27 @@ impl<'a, H: HeightField> Content<'a, H> {
     }
 }
 
-/// The sections of a file and its length, from what their sizes depend on: of `lattices` those from k = 1 on.
+/// Bytes of all bitmaps of voids of a level of extremes.
+fn bitmap_bytes(grid: Grid, level: u32, values: &[Extremes]) -> u64 {
+    let (columns, rows) = extremes::extent(grid, level);
+    let paging = Paging::of_heights(columns, rows);
+    let with_voids = |&n: &u64| extremes::of_page(values, columns, paging.id(n)).any(|value| value.void);
+    let bytes = |n: u64| {
+        let (w, h) = paging.size(paging.id(n));
+        u64::from(w * h).div_ceil(8)
+    };
+    (0..paging.pages()).filter(with_voids).map(bytes).sum()
+}
+
+/// The sections of a file and its length, from what their sizes depend on: of `lattices` those from k = 1 on; of the
+/// extremes by level the bytes of bitmaps.
 pub(super) fn plan(
     manifest_bytes: u64,
     grid: Grid,
     element: Element,
     bitmap_bytes: u64,
     lattices: &[(u32, u32)],
+    extremes: &[u64],
 ) -> (Vec<Section>, u64) {
     let (flags, offset) = (REQUIRED, 0);
     let (columns, rows) = (grid.nx(), grid.ny());
@@ -296,6 +324,12 @@ pub(super) fn plan(
         let (kind, element) = (Kind::Bounds, Element::ShortBounds);
         sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
     }
+    for (level, &bitmaps) in (1..).zip(extremes) {
+        let (columns, rows) = extremes::extent(grid, level);
+        let length = 2 * width * u64::from(columns) * u64::from(rows) + bitmaps;
+        let element = if element == Element::I16 { Element::PairI16 } else { Element::PairI32 };
+        sections.push(Section { kind: Kind::Extremes, flags: 0, element, level, columns, rows, length, ..manifest });
+    }
     let mut end = format::front_bytes(sections.len());
     for section in &mut sections {
         section.pages = Paging::of_section(section).map_or(0, |paging| paging.pages());
@@ -304,6 +338,11 @@ pub(super) fn plan(
         end += section.length;
     }
     (sections, end)
+}
+
+/// Whether the terrain version depends on a section's pages: not on what follows from the heights and is optional.
+pub(super) fn is_hashed(section: &Section) -> bool {
+    matches!(section.kind, Kind::Heights | Kind::Bounds)
 }
 
 /// Adds a section and the checksums of its pages to the hash that is the terrain version.

@@ -12,8 +12,9 @@
 //! Which points obstruct, how deep and how near ([`witnesses`], [`derive()`]) is told by `derived`.
 //! What one observer sees of a whole region is told by [`viewshed()`], whose cells are these verdicts.
 //!
-//! Greatest heights of blocks ([`crate::terrain::maxima`]) let a line pass over what lies below them (`skip`), and an
-//! inner loop takes what remains (`run`); neither changes an answer. [`Lines::plain`] does without both.
+//! Short lines are mostly settled by one look with bounds of its errors (`glance`). Greatest and least heights of blocks
+//! ([`crate::terrain::extremes`]) let long ones pass over what lies below them and stop far below the ground (`skip`),
+//! and an inner loop takes what remains (`run`). None of these changes an answer; [`Lines::plain`] does without them.
 //!
 //! [`naive`] answers the same questions straight from the definitions, slowly, and shares no code with the rest.
 
@@ -23,6 +24,9 @@ mod derived_tests;
 mod earth;
 #[cfg(test)]
 mod earth_tests;
+mod glance;
+#[cfg(test)]
+mod glance_tests;
 mod ground;
 mod horizon;
 mod matrix;
@@ -190,10 +194,22 @@ where
 struct Manner {
     /// Without skipping.
     plain: bool,
-    /// Crossings in f32.
-    fast: bool,
+    /// How far to go when rounded numbers do not tell.
+    rung: Rung,
     /// In height units.
     tolerance: f64,
+}
+
+/// What is asked beyond rounded numbers.
+#[derive(Clone, Copy, PartialEq, Default, Debug)]
+enum Rung {
+    /// Bounds of errors, and the ladder where they do not tell.
+    #[default]
+    Sure,
+    /// Nothing: f64 at its word.
+    Rounded,
+    /// Nothing: f32 at its word.
+    Fast,
 }
 
 /// Asks one line after the other of one field, with the pages of the last ones at hand.
@@ -225,13 +241,14 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
             {
                 return Err(LosError::BadTolerance(tolerance));
             }
+            self.walk.manner = Manner { plain: self.plain, ..Manner::default() };
             return derived::curved_answer(&mut self.walk, a, b, options);
         }
         let manner = Manner { plain: self.plain, ..Manner::default() };
         match options.precision {
             Precision::Exact => self.ask_with::<Exact>(a, b, options, manner),
-            Precision::F64 => self.ask_with::<FilterOnly>(a, b, options, manner),
-            Precision::Fast => self.ask_with::<FilterOnly>(a, b, options, Manner { fast: true, ..manner }),
+            Precision::F64 => self.ask_with::<FilterOnly>(a, b, options, Manner { rung: Rung::Rounded, ..manner }),
+            Precision::Fast => self.ask_with::<FilterOnly>(a, b, options, Manner { rung: Rung::Fast, ..manner }),
             Precision::Tolerance(tolerance) if tolerance >= 0.0 => {
                 self.ask_with::<Exact>(a, b, options, Manner { tolerance, ..manner })
             }
@@ -246,10 +263,13 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
         options: Options,
         manner: Manner,
     ) -> Result<Answer, LosError> {
-        check_finite(a, ["ax", "ay", "az"])?;
-        check_finite(b, ["bx", "by", "bz"])?;
         (self.walk.a, self.walk.b, self.walk.manner) = (a, b, manner);
-        let met = walk::walk::<K, H>(&mut self.walk, options.strict)?;
+        let is_inside = self.walk.is_inside();
+        if !is_inside {
+            check_finite(a, ["ax", "ay", "az"])?;
+            check_finite(b, ["bx", "by", "bz"])?;
+        }
+        let met = walk::walk::<K, H>(&mut self.walk, is_inside, options.strict)?;
         let blocked = met.blocked || options.strict && met.contact;
         let verdict = match (blocked, met.unknown) {
             (true, _) => Verdict::Blocked,
@@ -263,6 +283,8 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
 
 /// Lines of a batch that one core takes together.
 const BATCH_SHARE: usize = 1024;
+/// Lines that are fetched together.
+const GATHER: usize = 32;
 /// Batches of fewer lines are asked in the order in which they came.
 const WORTH_SORTING: usize = 1024;
 /// Binary logarithm of the squares along each side of the grid by which a batch is sorted.
@@ -276,7 +298,7 @@ pub fn line_of_sight_batch<H>(field: &H, lines: &[[[f64; 3]; 2]], options: Optio
 where
     H: HeightField + ?Sized,
 {
-    let order = order_of(field.grid(), lines);
+    let order = batch_order(field.grid(), lines);
     let shares: Vec<_> = order.par_chunks(BATCH_SHARE).map(|share| ask_share(field, lines, share, options)).collect();
     let mut answers = vec![Answer::NONE; lines.len()];
     let mut failure: Option<(u32, LosError)> = None;
@@ -301,20 +323,26 @@ where
 {
     let mut asked = Lines::new(field);
     let mut failure: Option<(u32, LosError)> = None;
-    let mut ask = |&n: &u32| {
-        let [a, b] = lines[n as usize];
-        asked.ask(a, b, options).unwrap_or_else(|error| {
-            failure = failure.take().into_iter().chain([(n, error)]).min_by_key(|(n, _)| *n);
-            Answer::NONE
-        })
-    };
-    let answers = share.iter().map(&mut ask).collect();
+    let mut answers = Vec::with_capacity(share.len());
+    for share in share.chunks(GATHER) {
+        // Lines that lie scattered are fetched together, so that the processor waits for all of them once.
+        let mut gathered = [[[0.0; 3]; 2]; GATHER];
+        for (line, &n) in gathered.iter_mut().zip(share) {
+            *line = lines[n as usize];
+        }
+        for (&n, [a, b]) in share.iter().zip(gathered) {
+            answers.push(asked.ask(a, b, options).unwrap_or_else(|error| {
+                failure = failure.take().into_iter().chain([(n, error)]).min_by_key(|(n, _)| *n);
+                Answer::NONE
+            }));
+        }
+    }
     (answers, failure)
 }
 
-/// The numbers of lines in the order in which they are asked: by the square of posts that their middle is in, along a Z
-/// curve, and as they came in each. One counting sort, which takes a small part of the time of short lines.
-fn order_of(grid: Grid, lines: &[[[f64; 3]; 2]]) -> Vec<u32> {
+/// The numbers of lines in the order in which a batch of them is best asked: by the square of posts that their middle is
+/// in, along a Z curve, and as they came in each. One counting sort, which takes a small part of the time of short lines.
+pub fn batch_order(grid: Grid, lines: &[[[f64; 3]; 2]]) -> Vec<u32> {
     if lines.len() < WORTH_SORTING {
         return (0..lines.len() as u32).collect();
     }

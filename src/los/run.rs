@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use super::sweep::{ROUNDOFF, Sweep};
+use super::sweep::{ROUNDOFF, Sweep, TRUSTED_MAGNITUDE};
 use crate::terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Samples};
 
 /// How a run of crossings ended.
@@ -18,80 +18,6 @@ pub(super) enum Stop {
     Blocked,
     /// This crossing is undecided: in doubt, close to a post, or not over an edge within the page.
     At(i64),
-}
-
-/// How the crossings of a line with the families in turn ended.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Reached {
-    /// Number of the family.
-    pub(super) family: usize,
-    /// The crossing that is undecided.
-    pub(super) n: i64,
-    /// Whether all crossings of the family are.
-    pub(super) whole: bool,
-}
-
-/// Decides the crossings of a line all of whose posts lie in one page, from a family and crossing on: `Ok(true)` when
-/// the line is above the ground at all, `Ok(false)` when it is blocked, else the first that is undecided. A page with
-/// voids, and a family that is not [`Sweep::inside`], are left to [`run`].
-#[inline]
-pub(super) fn run_page(
-    page: &HeightPage,
-    id: PageId,
-    from: (usize, i64),
-    sweep_of: impl Fn(usize) -> Sweep,
-) -> Result<bool, Reached> {
-    match page.samples() {
-        Samples::I16(samples) => run_page_on(samples, page, id, from, sweep_of),
-        Samples::I32(samples) => run_page_on(samples, page, id, from, sweep_of),
-        Samples::F64(samples) => run_page_on(samples, page, id, from, sweep_of),
-    }
-}
-
-/// As [`run_on`], with less to ask at each crossing.
-#[inline]
-fn run_page_on<S>(
-    samples: &[S],
-    page: &HeightPage,
-    id: PageId,
-    from: (usize, i64),
-    sweep_of: impl Fn(usize) -> Sweep,
-) -> Result<bool, Reached>
-where
-    S: Copy + Into<f64>,
-{
-    let magnitude = page.maxima().magnitude();
-    let (side, all) = (i64::from(PAGE_SIDE), PAGE_POSTS as i64);
-    let corner = i64::from(id.pj) * all + i64::from(id.pi) * side;
-    for family in from.0..4 {
-        let sweep = sweep_of(family);
-        let undecided = |n, whole| Reached { family, n, whole };
-        let samples = match <&[S; PAGE_POSTS]>::try_from(samples) {
-            Ok(samples) if sweep.inside && !page.has_voids() => samples,
-            _ => return Err(undecided(0, true)),
-        };
-        let (line, along) = sweep.family.layout();
-        let (per_line, per_post) = (line[1] * side + line[0], along[1] * side + along[0]);
-        let bound = sweep.z_error + (2.0 * sweep.v_error + 16.0 * ROUNDOFF) * magnitude;
-        let inner = 0.5 - sweep.v_error - 2.0 * ROUNDOFF;
-        for n in (if family == from.0 { from.1 } else { 0 })..sweep.count {
-            let crossing = sweep.crossing(n);
-            let shifted = (crossing.v - 0.5) + WHOLE;
-            let fraction = crossing.v - (shifted - WHOLE);
-            let at_p = i64::from(shifted.to_bits() as i32) * per_post + crossing.c * per_line - corner;
-            let at = |n: i64| samples[n as usize % PAGE_POSTS].into();
-            let (p, q): (f64, f64) = (at(at_p), at(at_p + per_post));
-            let clearance = crossing.z - (p + fraction * (q - p));
-            if clearance.abs() > bound && (fraction - 0.5).abs() < inner {
-                if clearance < 0.0 {
-                    return Ok(false);
-                }
-            } else {
-                return Err(undecided(n, false));
-            }
-        }
-    }
-    Ok(true)
 }
 
 /// 1.5 2^52: added to a number of less than 2^31 in magnitude it leaves a whole number in the low bits.
@@ -142,7 +68,11 @@ where
     let Ok(samples) = <&[S; PAGE_POSTS]>::try_from(samples) else { return Stop::At(range.start) };
     let layout = Layout::new(sweep, id, range.start);
     let voids = page.voids();
-    let bound = sweep.z_error + (2.0 * sweep.v_error + 16.0 * ROUNDOFF) * page.maxima().magnitude();
+    let magnitude = page.maxima().magnitude();
+    if magnitude > TRUSTED_MAGNITUDE {
+        return Stop::At(range.start);
+    }
+    let bound = sweep.z_error + (2.0 * sweep.v_error + 16.0 * ROUNDOFF) * magnitude;
     let inner = 0.5 - sweep.v_error - 2.0 * ROUNDOFF;
     let [mut i_zero, mut j_zero] = layout.origin;
     for n in range {

@@ -11,8 +11,9 @@
 //! way once AB is known to be over unknown ground. The whole of AB at once needs no errors: its crossings lie between
 //! its ends, exactly.
 //!
-//! **Probes.** A line is blocked wherever that is proved, so the first crossings to be looked at lie at fractions 1/2,
-//! 1/4, 3/4, 1/8 and so on of AB. Nothing but a certain "below" is taken from them.
+//! **Places.** A line is blocked wherever that is proved, so the first places to be looked at lie at fractions 1/2, 1/4,
+//! 3/4, 1/8 and so on of AB; there, least heights of blocks come before the ground itself. Nothing but a certain "below"
+//! is taken from them.
 //!
 //! **With a tolerance** h a stretch is passed over when it is above the ground once raised by h. Where the terrain
 //! lowered by h blocks, some crossing has ground more than h above the line; its stretch is not passed over, so the
@@ -24,11 +25,12 @@ use std::ops::Range;
 use sightline_proto::predicates::{FLUSHED, Kernel};
 
 use super::{
+    earth::Line,
     run::{self, Stop},
     sweep::{ROUNDOFF, Span, Sweep},
     walk::{Met, Walk},
 };
-use crate::terrain::{HeightField, PageId, ReadError};
+use crate::terrain::{HeightField, PageId, ReadError, extremes::BLOCK_SIDE};
 
 /// The most that a computed place on AB may be off, in cells.
 const PLACE_ERROR: f64 = 1.0 / 256.0;
@@ -38,7 +40,7 @@ const LEAF: u32 = 8;
 /// it is not, a stretch is walked whole.
 const WAITING: usize = 48;
 /// The most places looked at first.
-const MOST_PROBES: u64 = 24;
+const MOST_PLACES: usize = 24;
 
 /// Whether AB, both of whose ends are over the grid, is above all ground around it.
 #[inline]
@@ -61,17 +63,20 @@ where
     Ok(clear || most < 0.0)
 }
 
-/// Whether AB is blocked at one of a few crossings of a sweep that is inside.
+/// Whether AB, both of whose ends are over the grid, is blocked at one of a few places on it: first by the least height
+/// of the block around, for which no page of heights is read, then, where the block rises above it, at a crossing.
 #[inline]
-pub(super) fn is_blocked_at_probes<H>(walk: &mut Walk<'_, H>, sweep: &Sweep) -> Result<bool, ReadError>
+pub(super) fn is_blocked_at_places<H>(walk: &mut Walk<'_, H>, sweep: &Sweep) -> Result<bool, ReadError>
 where
     H: HeightField + ?Sized,
 {
     let count = sweep.count as u64;
-    let probes = (count / 3).min(MOST_PROBES);
-    for k in 1..=probes {
-        // k in binary, reversed: 1/2, 1/4, 3/4, 1/8, 5/8, ...
-        let n = ((u64::from((k as u32).reverse_bits()) * count) >> 32) as i64;
+    let mut rising = Rising::default();
+    if is_below_blocks(walk, count / 3, |z, _| z, 0.0, &mut rising)? {
+        return Ok(true);
+    }
+    for &part in &rising.parts[..if sweep.inside { rising.count } else { 0 }] {
+        let n = ((u64::from(part) * count) >> 32) as i64;
         let id = PageId::of(walk.posts.grid().clamp(sweep.near(n)));
         let page = walk.posts.page(id)?;
         if run::run(sweep, page, id, n..n + 1, &mut false) == Stop::Blocked {
@@ -79,6 +84,72 @@ where
         }
     }
     Ok(false)
+}
+
+/// Whether AB, both of whose ends are over the grid and which is lowered by its bulge, is below all ground of a block at
+/// one of a few places on it.
+pub(super) fn is_curved_below_blocks<H>(walk: &mut Walk<'_, H>, line: &Line) -> Result<bool, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let [wide, high] = [0, 1].map(|k: usize| (line.b[k] - line.a[k]).abs());
+    let lowered = |z: f64, t: f64| z - line.bulge(t);
+    let error = line.bulge_error(0.0) + 2.0 * ROUNDOFF * line.bend;
+    is_below_blocks(walk, wide.max(high) as u64 / 3, lowered, error, &mut Rising::default())
+}
+
+/// Places, as parts of AB in units of 2^-32, where the block around rises above AB.
+#[derive(Default)]
+struct Rising {
+    parts: [u32; MOST_PLACES],
+    count: usize,
+}
+
+/// Whether AB is below a block at one of at most so many places.
+///
+/// The point at t, a number without rounding, lies within [`PLACE_ERROR`] of the rounded one, so it is over a cell all of
+/// whose posts are in the block. Its height is off by three roundings of numbers up to twice those of the ends, and by
+/// `error` once lowered.
+#[inline]
+fn is_below_blocks<H>(
+    walk: &mut Walk<'_, H>,
+    places: u64,
+    lowered: impl Fn(f64, f64) -> f64,
+    error: f64,
+    rising: &mut Rising,
+) -> Result<bool, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    let (a, b, grid) = (walk.a, walk.b, walk.posts.grid());
+    let by = [0, 1, 2].map(|k: usize| b[k] - a[k]);
+    let z_error = 8.0 * ROUNDOFF * a[2].abs().max(b[2].abs()) + FLUSHED + error;
+    for k in 1..=places.min(MOST_PLACES as u64) as u32 {
+        // k in binary, reversed: 1/2, 1/4, 3/4, 1/8, 5/8, ...
+        let part = k.reverse_bits();
+        let t = f64::from(part) * (1.0 / (1_u64 << 32) as f64);
+        let [x, y, z] = [0, 1, 2].map(|n: usize| a[n] + t * by[n]);
+        let z = lowered(z, t);
+        let (i, j) = ((x as u32).min(grid.nx() - 1), (y as u32).min(grid.ny() - 1));
+        let Some((least, greatest)) = walk.posts.block_around(i, j)? else {
+            rising.parts[rising.count] = part;
+            rising.count += 1;
+            continue;
+        };
+        if z + z_error < f64::from(least) && is_within_block(x, i) && is_within_block(y, j) {
+            return Ok(true);
+        }
+        rising.parts[rising.count] = part;
+        rising.count += usize::from(z < f64::from(greatest));
+    }
+    Ok(false)
+}
+
+/// Whether a coordinate, whose floor is `i`, lies between posts of one block, by more than it may be off.
+#[inline]
+fn is_within_block(v: f64, i: u32) -> bool {
+    let from = v - f64::from(i & !(BLOCK_SIDE - 1));
+    from > PLACE_ERROR && from < f64::from(BLOCK_SIDE - 1) - PLACE_ERROR
 }
 
 /// AB as the traversal needs it: places and heights with bounded errors.

@@ -20,8 +20,9 @@ use sightline_proto::{
 };
 
 use super::{
-    Manner,
-    run::{self, Reached, Stop},
+    Manner, Rung,
+    glance::{self, Glance},
+    run::{self, Stop},
     skip,
     surface::Face,
     sweep::{Crossing, Family, ROUNDOFF, Span, Sweep, TINY, TRUSTED_MAGNITUDE},
@@ -30,8 +31,8 @@ use crate::terrain::{DrawnPost, Grid, HeightField, PAGE_SIDE, PageId, Posts, Rea
 
 /// Crossings of one family in a row before the next family's turn, so that all four use the same pages.
 const RUN: i64 = 256;
-/// Lines with no more crossings of any family are walked in full: to look for what can be skipped would cost more.
-const FEW: i64 = 16;
+/// Lines no longer than this along x and y are looked at in full: to look for what can be skipped would cost more.
+const FEW_CELLS: f64 = 24.0;
 
 /// What a line met.
 #[derive(Clone, Copy, Default, Debug)]
@@ -55,12 +56,13 @@ impl Met {
 }
 
 /// Walks AB until it is blocked (when `strict`, by contact too) or ends, passing over what the blocks settle.
-pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, strict: bool) -> Result<Met, ReadError>
+/// `is_inside` says whether [`Walk::is_inside`].
+pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, is_inside: bool, strict: bool) -> Result<Met, ReadError>
 where
     K: Kernel,
     H: HeightField + ?Sized,
 {
-    if !walk.manner.plain && walk.is_inside() {
+    if !walk.manner.plain && is_inside {
         return walk_inside::<K, H>(walk, strict);
     }
     let mut met = Met::default();
@@ -84,23 +86,25 @@ where
 {
     let mut met = Met::default();
     let (a, b) = (walk.a, walk.b);
-    let families = if (b[0] - a[0]).abs() > (b[1] - a[1]).abs() { Family::ALL } else { Family::ROWS_FIRST };
+    let [wide, high] = [0, 1].map(|k: usize| (b[k] - a[k]).abs());
+    let families = if wide > high { Family::ALL } else { Family::ROWS_FIRST };
     let grid = walk.posts.grid();
-    let inside = |n: usize| sweep_inside(families[n], grid, a, b);
-    let probed = inside(0);
-    let is_short = probed.count <= FEW;
-    if !is_short && probed.inside && skip::is_blocked_at_probes(walk, &probed)? {
-        return Ok(Met { blocked: true, ..met });
-    }
-    if !is_short && skip::is_clear(walk, &mut met)? {
-        return Ok(met);
-    }
-    let sweep = |n: usize| if n == 0 { probed } else { inside(n) };
-    if let Some(id) = walk.page_around() {
-        if !walk.take_page::<K>(id, sweep, strict, &mut met)? {
+    let sweep = |n: usize| sweep_inside(families[n], grid, a, b);
+    let is_short = wide.max(high) <= FEW_CELLS;
+    if !is_short {
+        if skip::is_blocked_at_places(walk, &sweep(0))? {
+            return Ok(Met { blocked: true, ..met });
+        }
+        if skip::is_clear(walk, &mut met)? {
             return Ok(met);
         }
-    } else if is_short {
+    }
+    match walk.glance()? {
+        Glance::Clear => return Ok(met),
+        Glance::Blocked => return Ok(Met { blocked: true, ..met }),
+        Glance::Unsure => {}
+    }
+    if is_short {
         for n in 0..families.len() {
             let sweep = sweep(n);
             if !walk.take::<K>(&sweep, 0..sweep.count, strict, &mut met)? {
@@ -200,7 +204,8 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
                     }
                 }
             }
-            let found = if self.manner.fast { self.cross_fast(sweep, n) } else { self.cross::<K>(sweep, n) };
+            let found =
+                if self.manner.rung == Rung::Fast { self.cross_fast(sweep, n) } else { self.cross::<K>(sweep, n) };
             n += 1;
             match found? {
                 Found::Known(Sign::Positive) | Found::Outside => continue,
@@ -215,52 +220,21 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         Ok(true)
     }
 
-    /// The page that holds all posts of faces under a line that is inside, if one does.
+    /// What a [`glance`] says of a line that is inside.
     #[inline]
-    fn page_around(&self) -> Option<PageId> {
-        let place = |from: f64, to: f64| {
-            let (least, greatest) = (from.min(to) as u32, from.max(to));
-            let floor = greatest as u32;
-            let ceiling = floor + u32::from(f64::from(floor) < greatest);
-            (least / PAGE_SIDE == ceiling / PAGE_SIDE).then_some(least / PAGE_SIDE)
-        };
-        Some(PageId { pi: place(self.a[0], self.b[0])?, pj: place(self.a[1], self.b[1])? })
-    }
-
-    /// Decides all crossings of a line whose posts lie in one page; whether it is worth going on.
-    #[inline]
-    fn take_page<K: Kernel>(
-        &mut self,
-        id: PageId,
-        sweep_of: impl Fn(usize) -> Sweep,
-        strict: bool,
-        met: &mut Met,
-    ) -> Result<bool, ReadError> {
-        let mut from = (0, 0);
-        while from.0 < Family::ALL.len() {
-            let page = self.posts.page(id)?;
-            match run::run_page(page, id, from, &sweep_of) {
-                Ok(above) => {
-                    met.blocked |= !above;
-                    return Ok(above);
-                }
-                Err(Reached { family, n, whole }) => {
-                    let sweep = sweep_of(family);
-                    let crossings = if whole { 0..sweep.count } else { n..n + 1 };
-                    if !self.take::<K>(&sweep, crossings, strict, met)? {
-                        return Ok(false);
-                    }
-                    from = if whole { (family + 1, 0) } else { (family, n + 1) };
-                }
-            }
+    fn glance(&mut self) -> Result<Glance, ReadError> {
+        let (a, b) = (self.a, self.b);
+        match self.manner.rung {
+            Rung::Sure => glance::glance::<f64, H, true>(&mut self.posts, a, b),
+            Rung::Rounded => glance::glance::<f64, H, false>(&mut self.posts, a, b),
+            Rung::Fast => glance::glance::<f32, H, false>(&mut self.posts, a, b),
         }
-        Ok(true)
     }
 
     /// Whether both ends are over the grid, with no coordinate so small that sums might be subnormal and no height so
     /// great that products might overflow.
     #[inline]
-    fn is_inside(&self) -> bool {
+    pub(super) fn is_inside(&self) -> bool {
         let grid = self.posts.grid();
         let limit = [f64::from(grid.nx() - 1), f64::from(grid.ny() - 1)];
         let within = |v: f64, limit: f64| (v >= TINY || v.to_bits() == 0) && v <= limit;
@@ -313,7 +287,8 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
             let (u, v) = (x - f64::from(i), y - f64::from(j));
             let page = self.posts.page(PageId::of(Post::new(i, j)))?;
             let (i, j, rises) = (i % PAGE_SIDE, j % PAGE_SIDE, (i + j) % 2 == 0);
-            if i + 1 == PAGE_SIDE || j + 1 == PAGE_SIDE || page.has_voids() {
+            let magnitude = page.maxima().magnitude();
+            if i + 1 == PAGE_SIDE || j + 1 == PAGE_SIDE || page.has_voids() || magnitude > TRUSTED_MAGNITUDE {
                 return Ok(false);
             }
             let [sw, se, nw, ne] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)].map(|(i, j)| page.at(i, j).z);
@@ -323,7 +298,7 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
                 (false, _, true) => ne + (1.0 - u) * (nw - ne) + (1.0 - v) * (se - ne),
                 (false, _, false) => sw + u * (se - sw) + v * (nw - sw),
             };
-            let bound = 32.0 * ROUNDOFF * page.maxima().magnitude() + 4.0 * ROUNDOFF * z.abs() + FLUSHED;
+            let bound = 32.0 * ROUNDOFF * magnitude + 4.0 * ROUNDOFF * z.abs() + FLUSHED;
             // Not so for NaN.
             let above = z - ground > bound;
             if !above {

@@ -5,7 +5,7 @@ use std::sync::{Arc, OnceLock};
 use sightline_proto::diamond::{Post, RootSquare};
 use thiserror::Error;
 
-use super::maxima::BlockMaxima;
+use super::extremes::{BlockMaxima, ExtremesPage};
 
 /// Posts along the side of a page.
 pub const PAGE_SIDE: u32 = 64;
@@ -70,6 +70,12 @@ impl Grid {
     /// Pages from west to east, and from south to north.
     pub fn pages(self) -> (u32, u32) {
         (self.nx.div_ceil(PAGE_SIDE), self.ny.div_ceil(PAGE_SIDE))
+    }
+
+    /// Posts of the grid in a page of it, from west to east and from south to north: fewer on the border.
+    pub fn page_size(self, id: PageId) -> (u32, u32) {
+        let cut = |posts: u32, page: u32| (posts - page * PAGE_SIDE).min(PAGE_SIDE);
+        (cut(self.nx, id.pi), cut(self.ny, id.pj))
     }
 }
 
@@ -165,12 +171,6 @@ impl HeightPage {
         Self { samples, voids, maxima: OnceLock::new() }
     }
 
-    /// A page whose samples are the greatest heights of whole pages, void where one of those has a void post.
-    pub fn of_maxima(samples: Samples, voids: Option<Box<[u64; PAGE_POSTS / 64]>>) -> Self {
-        let maxima = BlockMaxima::of_maxima(&samples, voids.as_deref());
-        Self { maxima: maxima.into(), ..Self::new(samples, voids) }
-    }
-
     /// The greatest heights of its blocks.
     #[inline]
     pub fn maxima(&self) -> &BlockMaxima {
@@ -231,9 +231,9 @@ pub trait HeightField: Send + Sync {
         None
     }
 
-    /// Reads one page of the greatest heights over squares of 64^`level` posts a side, `level` at least 1. `None` when
-    /// the field does not keep them: then what asks for bounds reads more pages of heights, and answers the same.
-    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
+    /// Reads one page of a level of least and greatest heights ([`super::extremes`]), `level` at least 1. `None` when the
+    /// field does not keep them: then what asks for bounds reads more pages of heights, and answers the same.
+    fn extremes(&self, level: u32, id: PageId) -> Result<Option<Arc<ExtremesPage>>, ReadError> {
         let _ = (level, id);
         Ok(None)
     }
@@ -241,21 +241,21 @@ pub trait HeightField: Send + Sync {
 
 /// Number of pages of heights that a [`Posts`] keeps at hand; a power of two.
 const SLOTS: usize = 64;
-/// Number of pages of maxima.
-const COARSE_SLOTS: usize = 16;
+/// Number of pages of extremes: as many of level 1, and 4 of each of four levels above.
+const COARSE_SLOTS: usize = SLOTS + 16;
 
 /// A reader's own view of a field: keeps the last pages it met, so that neighbouring posts cost no lock.
 pub struct Posts<'a, H: HeightField + ?Sized> {
     field: &'a H,
     grid: Grid,
     slots: Box<[Option<Held>; SLOTS]>,
-    coarse: [Option<HeldMaxima>; COARSE_SLOTS],
+    coarse: Box<[Option<HeldExtremes>; COARSE_SLOTS]>,
 }
 
 /// A page of heights at hand.
 type Held = (PageId, Arc<HeightPage>);
-/// The level and place of a page of maxima, and the page if there is one.
-type HeldMaxima = (u32, PageId, Option<Arc<HeightPage>>);
+/// The level and place of a page of extremes, and the page if there is one.
+type HeldExtremes = (u32, PageId, Option<Arc<ExtremesPage>>);
 
 impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
     /// A reader of `field` with nothing at hand.
@@ -264,7 +264,7 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
             field,
             grid: field.grid(),
             slots: Box::new([const { None }; SLOTS]),
-            coarse: [const { None }; COARSE_SLOTS],
+            coarse: Box::new([const { None }; COARSE_SLOTS]),
         }
     }
 
@@ -288,7 +288,7 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
         if let Some(page) = self.field.resident(id) {
             return Ok(page);
         }
-        let slot = (id.pi as usize % 8 + id.pj as usize % 8 * 8) % SLOTS;
+        let slot = slot_of(id);
         if self.slots[slot].as_ref().is_none_or(|(held, _)| *held != id) {
             self.slots[slot] = Some((id, self.field.page(id)?));
         }
@@ -298,16 +298,38 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
         }
     }
 
-    /// The page `id` of a level of maxima, or of heights for level 0; `None` when the field has none.
-    #[inline]
-    pub(super) fn page_of_level(&mut self, level: u32, id: PageId) -> Result<Option<&HeightPage>, ReadError> {
-        if level == 0 {
-            return self.page(id).map(Some);
+    /// The pages south-west, south-east, north-west and north-east of a window with corners `first` and `last`, which are
+    /// at most a page apart.
+    pub(crate) fn window(&mut self, first: PageId, last: PageId) -> Result<[&HeightPage; 4], ReadError> {
+        let ids = [(first.pi, first.pj), (last.pi, first.pj), (first.pi, last.pj), (last.pi, last.pj)]
+            .map(|(pi, pj)| PageId { pi, pj });
+        for id in ids {
+            self.page(id)?;
         }
-        let slot = (id.pi % 2 + id.pj % 2 * 2 + level % 4 * 4) as usize % COARSE_SLOTS;
-        if self.coarse[slot].as_ref().is_none_or(|(at, held, _)| (*at, *held) != (level, id)) {
-            self.coarse[slot] = Some((level, id, self.field.maxima(level, id)?));
-        }
-        Ok(self.coarse[slot].as_ref().and_then(|(.., page)| page.as_deref()))
+        Ok(ids.map(|id| match (self.field.resident(id), &self.slots[slot_of(id)]) {
+            (Some(page), _) => page,
+            (None, Some((_, page))) => &**page,
+            (None, None) => unreachable!("the slots of pages so close are different ones, and were filled above"),
+        }))
     }
+
+    /// The page `id` of a level of extremes from 1; `None` when the field has none.
+    #[inline]
+    pub(super) fn extremes(&mut self, level: u32, id: PageId) -> Result<Option<&ExtremesPage>, ReadError> {
+        let slot = match level {
+            1 => slot_of(id),
+            _ => SLOTS + (id.pi % 2 + id.pj % 2 * 2 + level % 4 * 4) as usize,
+        };
+        let slot = &mut self.coarse[slot % COARSE_SLOTS];
+        if slot.as_ref().is_none_or(|(at, held, _)| (*at, *held) != (level, id)) {
+            *slot = Some((level, id, self.field.extremes(level, id)?));
+        }
+        Ok(slot.as_ref().and_then(|(.., page)| page.as_deref()))
+    }
+}
+
+/// The slot of a page: those next to each other have different ones.
+#[inline]
+fn slot_of(id: PageId) -> usize {
+    (id.pi as usize % 8 + id.pj as usize % 8 * 8) % SLOTS
 }

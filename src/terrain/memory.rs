@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::{
+    extremes::{self, ExtremesPage, all_pages, extremes_of},
     field::{Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError, Samples},
-    maxima::{self, maxima_of},
 };
 
 /// A height field held in memory.
@@ -13,7 +13,7 @@ pub struct MemoryField {
     grid: Grid,
     pages: Vec<Arc<HeightPage>>,
     /// By level from 1.
-    maxima: Vec<Vec<Arc<HeightPage>>>,
+    extremes: Vec<Vec<Arc<ExtremesPage>>>,
 }
 
 impl MemoryField {
@@ -27,11 +27,14 @@ impl MemoryField {
         let mut pages = Vec::with_capacity(columns as usize * rows as usize);
         for pj in 0..rows {
             for pi in 0..columns {
-                pages.push(Arc::new(page(grid, PageId { pi, pj }, &mut height)));
+                pages.push(page(grid, PageId { pi, pj }, &mut height));
             }
         }
-        let maxima = maxima_of(grid, |id| Ok(Arc::clone(&pages[(id.pj * columns + id.pi) as usize])));
-        Ok(Self { grid, pages, maxima: maxima.unwrap_or_default() })
+        // Moved together, apart from their heights: whoever looks for one finds it near the others.
+        let pages: Vec<_> = pages.into_iter().map(Arc::new).collect();
+        let levels = extremes_of(grid, |id| Ok(Arc::clone(&pages[(id.pj * columns + id.pi) as usize])));
+        let extremes = all_pages(grid, &levels.unwrap_or_default());
+        Ok(Self { grid, pages, extremes })
     }
 }
 
@@ -71,9 +74,9 @@ impl HeightField for MemoryField {
         self.pages.get(id.pj as usize * columns as usize + id.pi as usize).map(|page| &**page)
     }
 
-    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
-        let found = maxima::pages(self.grid, level)
-            .and_then(|(columns, _)| self.maxima.get(level as usize - 1)?.get((id.pj * columns + id.pi) as usize));
+    fn extremes(&self, level: u32, id: PageId) -> Result<Option<Arc<ExtremesPage>>, ReadError> {
+        let found = extremes::pages(self.grid, level)
+            .and_then(|(columns, _)| self.extremes.get(level as usize - 1)?.get((id.pj * columns + id.pi) as usize));
         Ok(found.map(Arc::clone))
     }
 }

@@ -3,9 +3,9 @@
 //! Everything below this module sees terrain through [`HeightField`]. Heights are exact f64 values in height units
 //! (a database's are integers); reads go by page and may fail; nothing holds a terrain as one slice.
 
+pub mod extremes;
 mod field;
 mod georeference;
-pub mod maxima;
 mod memory;
 pub mod synthetic;
 

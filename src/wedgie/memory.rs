@@ -5,7 +5,9 @@ use std::sync::Arc;
 use sightline_proto::diamond::Post;
 
 use super::{BoundsPyramid, DiamondBounds, ErrorBounds, finest_bounds_with};
-use crate::terrain::{Grid, HeightField, HeightPage, MemoryField, PAGE_SIDE, PageId, ReadError, SceneScale};
+use crate::terrain::{
+    Grid, HeightField, HeightPage, MemoryField, PAGE_SIDE, PageId, ReadError, SceneScale, extremes::ExtremesPage,
+};
 
 /// A height field in memory, with the bounds of all its diamonds.
 #[derive(Clone, Debug)]
@@ -47,8 +49,8 @@ impl HeightField for MemoryTerrain {
         self.field.resident(id)
     }
 
-    fn maxima(&self, level: u32, id: PageId) -> Result<Option<Arc<HeightPage>>, ReadError> {
-        self.field.maxima(level, id)
+    fn extremes(&self, level: u32, id: PageId) -> Result<Option<Arc<ExtremesPage>>, ReadError> {
+        self.field.extremes(level, id)
     }
 }
 

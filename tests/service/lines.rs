@@ -25,6 +25,25 @@ fn some_lines(salt: u32, count: u32) -> Vec<[f64; 4]> {
     (0..count).map(|n| [n * 31 % 83, (n + salt) * 17 % 61, n * 7 % 89, (n + salt) * 5 % 67].map(f64::from)).collect()
 }
 
+/// Large batches are asked in another order than they came in, small ones are not.
+#[tokio::test]
+async fn a_large_batch_is_answered_in_the_order_of_its_lines() {
+    let (_running, client) = started().await;
+    let lines = some_lines(5, 33_000);
+    let all = client.query_batch(batch(&lines, 3.0)).await.unwrap();
+    let mut expected = Vec::new();
+    for lines in lines.chunks(1_000) {
+        expected.extend(client.query_batch(batch(lines, 3.0)).await.unwrap().verdicts);
+    }
+    assert_eq!(all.verdicts, expected);
+    let visible = expected.iter().filter(|&&v| v == v1::Verdict::Visible).count();
+    assert!((3_000..30_000).contains(&visible), "{visible}");
+    let mut bad = batch(&lines, 3.0);
+    (bad.ax[2_000], bad.bx[1_999], bad.bx[20_000]) = (f64::NAN, f64::INFINITY, f64::NAN);
+    let refused = client.query_batch(bad).await.unwrap_err().to_string();
+    assert!(refused.contains("line 1999"), "{refused}");
+}
+
 #[tokio::test]
 async fn a_stream_answers_each_group_under_its_ids_and_survives_a_bad_one() {
     let (_running, client) = started().await;

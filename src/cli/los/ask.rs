@@ -11,11 +11,13 @@ use crate::{
     database::Database,
     exercise::{Altitude, Frame, Place, PlaceError, Site},
     los::{self, Derived, Earth, Lines, LosError, Options, Precision, Verdict},
-    terrain::{Georeference, ReadError},
+    terrain::{Georeference, HeightField, ReadError},
 };
 
 /// Lines that are sent to a server in one call.
 const SERVER_BATCH: usize = 50_000;
+/// Lines of a file that one core takes together.
+const SHARE_LINES: usize = 64;
 
 /// How the ends are given and what blocks.
 #[derive(Clone, Copy, Debug)]
@@ -103,7 +105,9 @@ impl Asker {
     /// Everything about one line.
     pub(super) fn ask(&self, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, Failure> {
         match self {
-            Self::Database(database, site) => ask_database(database, site, manner, ends).map_err(place_failure),
+            Self::Database(database, site) => resolve(database, site, manner, ends)
+                .and_then(|ends| ask_database(database, &mut Lines::new(database), site, manner, ends))
+                .map_err(place_failure),
             Self::Server(client, runtime) => {
                 let [a, b] = ends.map(|end| Some(end_to_wire(manner, end)));
                 let request = v1::QueryLineOfSightRequest {
@@ -130,10 +134,7 @@ impl Asker {
         lines: &[[[f64; 3]; 2]],
     ) -> Option<Result<Vec<Reply>, (usize, Failure)>> {
         let Self::Database(database, site) = self else { return None };
-        let ask = |&ends: &[[f64; 3]; 2]| ask_database(database, site, manner, ends);
-        let replies: Vec<_> = lines.par_iter().map(ask).collect();
-        let numbered = |(n, reply): (usize, Result<Reply, PlaceError>)| reply.map_err(|e| (n, place_failure(e)));
-        Some(replies.into_iter().enumerate().map(numbered).collect())
+        Some(ask_database_all(database, site, manner, lines).map_err(|(n, error)| (n, place_failure(error))))
     }
 
     /// Verdicts of many lines from a server.
@@ -164,12 +165,52 @@ impl Asker {
     }
 }
 
-fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3]; 2]) -> Result<Reply, PlaceError> {
-    let resolve = |position| {
+/// The replies in the order of the lines, which are asked in that of [`los::batch_order`].
+fn ask_database_all(
+    database: &Database,
+    site: &Site,
+    manner: Manner,
+    lines: &[[[f64; 3]; 2]],
+) -> Result<Vec<Reply>, (usize, PlaceError)> {
+    let resolved: Vec<_> = lines.par_iter().map(|&ends| resolve(database, site, manner, ends)).collect();
+    let places: Vec<_> =
+        resolved.iter().map(|ends| ends.as_ref().ok().copied().flatten().unwrap_or_default()).collect();
+    let order = los::batch_order(HeightField::grid(database), &places);
+    let shares = order.par_chunks(SHARE_LINES).map(|share| {
+        let mut asked = Lines::new(database);
+        let ask = |&n: &u32| {
+            let ends = resolved[n as usize].clone();
+            (n as usize, ends.and_then(|ends| ask_database(database, &mut asked, site, manner, ends)))
+        };
+        share.iter().map(ask).collect::<Vec<_>>()
+    });
+    let mut replies: Vec<_> = shares.flatten().collect();
+    replies.sort_unstable_by_key(|(n, _)| *n);
+    replies.into_iter().map(|(n, reply)| reply.map_err(|error| (n, error))).collect()
+}
+
+/// The ends in the grid frame; `None` when there is no ground to stand on.
+fn resolve(
+    database: &Database,
+    site: &Site,
+    manner: Manner,
+    ends: [[f64; 3]; 2],
+) -> Result<Option<[[f64; 3]; 2]>, PlaceError> {
+    let [a, b] = ends.map(|position| {
         let place = Place { position, frame: manner.frame, altitude: manner.altitude };
         site.grid_from_place(database, &place, 0.0)
-    };
-    let (Some(a), Some(b)) = (resolve(ends[0])?, resolve(ends[1])?) else {
+    });
+    Ok(a?.zip(b?).map(|(a, b)| [a, b]))
+}
+
+fn ask_database(
+    database: &Database,
+    asked: &mut Lines<'_, Database>,
+    site: &Site,
+    manner: Manner,
+    resolved: Option<[[f64; 3]; 2]>,
+) -> Result<Reply, PlaceError> {
+    let Some([a, b]) = resolved else {
         return Ok(Reply {
             verdict: Verdict::Unknown.name(),
             reason: Some(NO_GROUND),
@@ -184,7 +225,7 @@ fn ask_database(database: &Database, site: &Site, manner: Manner, ends: [[f64; 3
             more: None,
         });
     };
-    let answer = Lines::new(database).ask(a, b, manner.options)?;
+    let answer = asked.ask(a, b, manner.options)?;
     // Derived values are exact about where the line goes under; beside another verdict they would contradict it.
     let derived = match manner.options.precision {
         Precision::Exact => los::derive(database, a, b, manner.options)?,

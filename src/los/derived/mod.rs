@@ -29,6 +29,7 @@ use self::event::{Chord, Event, Events};
 use super::{
     Answer, LosError, Options, Verdict, check_finite,
     earth::{At, Dip, Line},
+    skip,
     surface::known_triangle,
     walk::Walk,
 };
@@ -121,7 +122,12 @@ pub(super) fn curved_answer<H>(
 where
     H: HeightField + ?Sized,
 {
-    let met = survey(walk, Line::new(a, b, options.earth), options.strict, Until::Obstructed)?;
+    let line = Line::new(a, b, options.earth);
+    (walk.a, walk.b) = (a, b);
+    if !walk.manner.plain && walk.is_inside() && skip::is_curved_below_blocks(walk, &line)? {
+        return Ok(Answer { verdict: Verdict::Blocked, grazes: false, certain: true });
+    }
+    let met = survey(walk, line, options.strict, Until::Obstructed)?;
     let verdict = match (met.first.is_some(), met.unknown) {
         (true, _) => Verdict::Blocked,
         (_, true) => Verdict::Unknown,

@@ -1,5 +1,7 @@
 //! Many lines in columns of equal length.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use sightline_proto::v1;
 use tonic::Status;
@@ -14,12 +16,14 @@ use super::{
 };
 use crate::{
     exercise::{Altitude, Frame, Place, Site},
-    los::{Lines, Options},
+    los::{self, Lines, Options},
     terrain::HeightField,
 };
 
 /// Answers in one message of a batch: small enough that the first come soon.
 const CHUNK_LINES: usize = 4_096;
+/// Lines that are put in order together: their answers wait for each other.
+const WINDOW_LINES: usize = 8 * CHUNK_LINES;
 /// Lines that one core takes together; between two shares it asks whether the call is still wanted.
 const SHARE_LINES: usize = 64;
 
@@ -33,6 +37,9 @@ pub(super) struct Batch {
 
 /// Verdict, whether the line grazes, and whether both are exact.
 type Brief = (v1::Verdict, bool, bool);
+
+/// The ends of a line in the grid frame; `None` when one is given above ground that is unknown.
+type Resolved = Result<Option<[[f64; 3]; 2]>, Status>;
 
 impl Batch {
     pub(super) fn new(
@@ -72,55 +79,100 @@ impl Batch {
         wanted: &Wanted,
         sender: &Sender<v1::QueryLineOfSightBatchResponse>,
     ) -> Result<(), Status> {
-        for first in (0..self.len()).step_by(CHUNK_LINES) {
-            let lines = first..self.len().min(first + CHUNK_LINES);
-            let answers = self.answer(lines, &*shared.terrain, &shared.site, wanted)?;
-            shared.metrics.answered(&answers.verdicts);
-            send(sender, wanted, answers)?;
+for first in (0..self.len()).step_by(WINDOW_LINES) {
+            let lines = first..self.len().min(first + WINDOW_LINES);
+            let briefs = self.answer(lines, &*shared.terrain, &shared.site, wanted)?;
+            for (n, briefs) in briefs.chunks(CHUNK_LINES).enumerate() {
+                let answers = to_wire(first + n * CHUNK_LINES, briefs);
+                shared.metrics.answered(&answers.verdicts);
+                send(sender, wanted, answers)?;
+            }
         }
         Ok(())
     }
 
-    /// The answers to some of the lines. All are computed, then the first error in order wins, so that the answer does
-    /// not depend on threads.
-    pub(super) fn answer(
+    /// The answers to all lines in one message.
+    pub(super) fn answer_all(
         &self,
-        lines: std::ops::Range<usize>,
         terrain: &impl HeightField,
         site: &Site,
         wanted: &Wanted,
     ) -> Result<v1::QueryLineOfSightBatchResponse, Status> {
-        let first_index = lines.start as u32;
-        let numbers: Vec<usize> = lines.collect();
-        let share = |share: &[usize]| -> Result<Vec<Brief>, Status> {
-            wanted.check()?;
-            let mut asked = Lines::new(terrain);
-            share.iter().map(|&n| self.answer_one(n, terrain, site, &mut asked)).collect()
-        };
-        let shares: Vec<_> = numbers.par_chunks(SHARE_LINES).map(share).collect();
-        let mut response = v1::QueryLineOfSightBatchResponse { first_index, ..Default::default() };
-        for share in shares {
-            for (verdict, grazes, certain) in share? {
-                response.verdicts.push(verdict.into());
-                response.grazes.push(grazes);
-                response.certain.push(certain);
-            }
-        }
-        Ok(response)
+        Ok(to_wire(0, &self.answer(0..self.len(), terrain, site, wanted)?))
     }
 
+    /// The answers to some of the lines, in their order; they are asked in that of [`los::batch_order`]. All are
+    /// computed, then the first error in the order of the lines wins, so that the answer does not depend on threads.
+    fn answer(
+        &self,
+        lines: Range<usize>,
+        terrain: &impl HeightField,
+        site: &Site,
+        wanted: &Wanted,
+    ) -> Result<Vec<Brief>, Status> {
+        let first = lines.start;
+        let resolved = self.resolve_all(lines, terrain, site, wanted)?;
+        let places: Vec<_> =
+            resolved.iter().map(|ends| ends.as_ref().ok().copied().flatten().unwrap_or_default()).collect();
+        let order = los::batch_order(terrain.grid(), &places);
+        let share = |share: &[u32]| -> Result<Vec<Result<Brief, Status>>, Status> {
+            wanted.check()?;
+            let mut asked = Lines::new(terrain);
+            Ok(share.iter().map(|&n| self.answer_one(first, n as usize, &resolved, &mut asked)).collect())
+        };
+        let shares: Vec<_> = order.par_chunks(SHARE_LINES).map(share).collect();
+        let mut briefs: Vec<_> = resolved.iter().map(|_| Ok((v1::Verdict::Unknown, false, true))).collect();
+        for (share, answers) in order.chunks(SHARE_LINES).zip(shares) {
+            for (&n, brief) in share.iter().zip(answers?) {
+                briefs[n as usize] = brief;
+            }
+        }
+        briefs.into_iter().collect()
+    }
+
+    /// The ends of some of the lines in the grid frame.
+    fn resolve_all(
+        &self,
+        lines: Range<usize>,
+        terrain: &impl HeightField,
+        site: &Site,
+        wanted: &Wanted,
+    ) -> Result<Vec<Resolved>, Status> {
+        let numbers: Vec<usize> = lines.collect();
+        let share = |share: &[usize]| -> Result<Vec<_>, Status> {
+            wanted.check()?;
+            let one = |&n: &usize| resolve(terrain, site, self.ends(n)).map_err(|status| named(n, &status));
+            Ok(share.iter().map(one).collect())
+        };
+        let shares: Vec<Result<Vec<_>, Status>> = numbers.par_chunks(SHARE_LINES).map(share).collect();
+        Ok(shares.into_iter().collect::<Result<Vec<_>, Status>>()?.concat())
+    }
+
+    /// The answer to line `n` of those from `first` on.
     fn answer_one<H: HeightField>(
         &self,
+        first: usize,
         n: usize,
-        terrain: &H,
-        site: &Site,
+        resolved: &[Resolved],
         asked: &mut Lines<'_, H>,
     ) -> Result<Brief, Status> {
-        let named = |status: Status| Status::new(status.code(), format!("line {n}: {}", status.message()));
-        let Some([a, b]) = resolve(terrain, site, self.ends(n)).map_err(named)? else {
-            return Ok((v1::Verdict::Unknown, false, true));
-        };
-        let answer = asked.ask(a, b, self.options).map_err(|error| named(error.into_status()))?;
+        let Some([a, b]) = resolved[n].clone()? else { return Ok((v1::Verdict::Unknown, false, true)) };
+        let answer = asked.ask(a, b, self.options).map_err(|error| named(first + n, &error.into_status()))?;
         Ok((convert::verdict_to_wire(Some(answer.verdict)).0, answer.grazes, answer.certain))
     }
+}
+
+/// The status of line `n`.
+fn named(n: usize, status: &Status) -> Status {
+    Status::new(status.code(), format!("line {n}: {}", status.message()))
+}
+
+fn to_wire(first_index: usize, briefs: &[Brief]) -> v1::QueryLineOfSightBatchResponse {
+    let mut response = v1::QueryLineOfSightBatchResponse { first_index: first_index as u32, ..Default::default() };
+    for &(verdict, grazes, certain) in briefs {
+        response.verdicts.push(verdict.into());
+        response.grazes.push(grazes);
+        response.certain.push(certain);
+    }
+    response
 }

@@ -78,7 +78,7 @@ async fn answer<T: ServedTerrain>(
         Err(status) => Err(status),
         Ok(batch) => {
             let inner = Arc::clone(shared);
-            let work = move || batch.answer(0..batch.len(), &*inner.terrain, &inner.site, &wanted);
+            let work = move || batch.answer_all(&*inner.terrain, &inner.site, &wanted);
             shared.run(work).await.and_then(|answered| answered)
         }
     };
