@@ -189,9 +189,14 @@ proptest! {
 
     /// The ground at t is in the state of the line to it.
     #[test]
-    fn ground_is_seen_when_the_line_to_it_is_visible((a, _, b) in through(), heights in super::earth_tests::dyadic()) {
+    fn ground_is_seen_when_the_line_to_it_is_visible(
+        (a, _, b) in through(),
+        heights in super::earth_tests::dyadic(),
+        curved in 0..3_u32,
+    ) {
         let field = heights.field();
-        let stretches = ground_stretches(&field, a, [b[0], b[1]]).unwrap();
+        let earth = Earth::curved(f64::from(curved) / 8.0, f64::from(curved) / 16.0).unwrap();
+        let stretches = ground_stretches(&field, a, [b[0], b[1]], earth).unwrap();
         covered(&stretches)?;
         for k in 0..=64 {
             let t = f64::from(k) / 64.0;
@@ -199,7 +204,10 @@ proptest! {
             let [x, y] = [0, 1].map(|axis| a[axis] + t * (b[axis] - a[axis]));
             let verdict = match on_ground(&field, x, y, 0.0).unwrap() {
                 None => Verdict::Unknown,
-                Some(z) => ask(&field, a, [x, y, z]),
+                Some(z) => {
+                let options = Options { earth, ..Options::default() };
+                Lines::new(&field).ask(a, [x, y, z], options).unwrap().verdict
+            }
             };
             let expected = match verdict {
                 Verdict::Visible => GroundState::Seen,
@@ -379,9 +387,9 @@ fn passing_over_stretches_changes_no_derived_value() {
                 assert_eq!(stretches[0], stretches[1], "line {n}: {a:?} {b:?} {earth:?}");
                 let views = walks.each_mut().map(|walk| derived::crest::view(walk, level).unwrap());
                 assert_eq!(views[0], views[1], "line {n}: {a:?} {b:?} {earth:?}");
+                let ground = walks.each_mut().map(|w| derived::stretches::ground_stretches_on(w, level).unwrap());
+                assert_eq!(ground[0], ground[1], "line {n}: {a:?} {b:?} {earth:?}");
                 if earth.is_flat() {
-                    let ground = walks.each_mut().map(|w| derived::stretches::ground_stretches_on(w, level).unwrap());
-                    assert_eq!(ground[0], ground[1], "line {n}: {a:?} {b:?}");
                     let found = walks.each_mut().map(|walk| derived::witness::witnesses_on(walk, a, b).unwrap());
                     assert_eq!(found[0], found[1], "line {n}: {a:?} {b:?}");
                 }

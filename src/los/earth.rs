@@ -207,9 +207,9 @@ impl Plane {
 
 /// The clearance W t^2 + l t + c of a line over a plane.
 pub(super) struct Quadratic<N> {
-    w: N,
-    l: N,
-    c: N,
+    pub(super) w: N,
+    pub(super) l: N,
+    pub(super) c: N,
 }
 
 impl<N: Number> Quadratic<N> {
@@ -229,11 +229,6 @@ impl<N: Number> Quadratic<N> {
     /// The clearance at n / d, times d^2.
     pub(super) fn at(&self, Fraction { n, d }: &Fraction<N>) -> N {
         self.w.mul(n).add(&self.l.mul(d)).mul(n).add(&self.c.mul(&d.mul(d)))
-    }
-
-    /// The straight part l t + c at n / d, times d.
-    pub(super) fn straight_at(&self, Fraction { n, d }: &Fraction<N>) -> N {
-        self.l.mul(n).add(&self.c.mul(d))
     }
 
     /// The derivative at n / d, times d.

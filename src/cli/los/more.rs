@@ -17,8 +17,7 @@ pub(super) struct More {
     /// In height units.
     pub(super) least_target_height: Option<f64>,
     line: Vec<Stretch<LineState>>,
-    /// `None` on a curved Earth.
-    ground: Option<Vec<Stretch<GroundState>>>,
+    ground: Vec<Stretch<GroundState>>,
 }
 
 impl More {
@@ -30,13 +29,12 @@ impl More {
         derived: &Derived,
     ) -> Result<Self, LosError> {
         let target = [b[0], b[1]];
-        let flat = options.earth.is_flat();
         Ok(Self {
             triangles: [derived.first_from_a, derived.first_from_b].map(|first| first?.triangle),
             deepest: derived.deepest,
             least_target_height: los::least_target_height(database, a, target, options)?,
             line: los::line_stretches(database, a, b, options.earth)?,
-            ground: flat.then(|| los::ground_stretches(database, a, target)).transpose()?,
+            ground: los::ground_stretches(database, a, target, options.earth)?,
         })
     }
 
@@ -72,7 +70,7 @@ impl More {
             deepest,
             least_target_height: response.least_target_z,
             line: line.collect(),
-            ground: (!response.ground.is_empty()).then(|| ground.collect()),
+            ground: ground.collect(),
         }
     }
 
@@ -84,7 +82,7 @@ impl More {
             "deepest": self.deepest.map(|d| json!({ "position": d.point, "t": d.t, "clearance": d.clearance })),
             "least_target_height": self.least_target_height,
             "line": stretches(&self.line, LineState::name),
-            "ground": self.ground.as_ref().map(|ground| stretches(ground, GroundState::name)),
+            "ground": stretches(&self.ground, GroundState::name),
         })
     }
 
@@ -100,7 +98,7 @@ impl More {
             format!("{name:9} {:.4} to {:.4} {}", from, to, state.to_lowercase())
         };
         lines.extend(self.line.iter().map(|s| stretch("line", s.from, s.to, s.state.name())));
-        lines.extend(self.ground.iter().flatten().map(|s| stretch("ground", s.from, s.to, s.state.name())));
+        lines.extend(self.ground.iter().map(|s| stretch("ground", s.from, s.to, s.state.name())));
         lines
     }
 }

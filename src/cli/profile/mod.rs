@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::{
     Context, Failure,
-    args::{Point, Positions},
+    args::{EarthShape, Point, Positions},
     info,
     los::ask::place_failure,
     output::Output,
@@ -22,6 +22,8 @@ use crate::{
 
 /// Most breaks of a profile: a line across some 300,000 posts.
 const MAX_BREAKS: usize = 1_000_000;
+/// Straight pieces in which a stretch of a curved line is drawn.
+const CURVED_PIECES: u32 = 48;
 /// The columns of a table: the part of the line, metres from its beginning in plan, map (or grid) coordinates, metres
 /// above the vertical datum, whether the line is there above or below the ground, and whether the ground is seen.
 const COLUMNS: &str = "t,range_m,x,y,ground,line,clearance,state,ground_state";
@@ -48,6 +50,8 @@ pub(super) struct Args {
     to: Point,
     #[command(flatten)]
     positions: Positions,
+    #[command(flatten)]
+    earth: EarthShape,
     /// Replace the output if it exists.
     #[arg(long)]
     force: bool,
@@ -72,12 +76,34 @@ struct Row {
     known_after: bool,
 }
 
+/// How high a line of sight passes: straight, or lowered by the bulge of a curved Earth.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    ends_m: [f64; 2],
+    /// Four times the bulge in the middle.
+    bend_m: f64,
+}
+
+impl Sight {
+    /// At t, as a part of the line.
+    fn height_m(self, t: f64) -> f64 {
+        let [from, to] = self.ends_m;
+        from + t * (to - from) - self.bend_m * (t * (1.0 - t))
+    }
+
+    /// Parts of the line between which it is drawn straight.
+    fn parts(self, from: f64, to: f64) -> impl Iterator<Item = f64> {
+        let pieces = if self.bend_m == 0.0 { 1 } else { CURVED_PIECES };
+        (0..=pieces).map(move |n| from + f64::from(n) / f64::from(pieces) * (to - from))
+    }
+}
+
 /// A line of sight and the ground under it, in metres.
 struct Profile {
     ends: [[f64; 3]; 2],
     verdict: Verdict,
     range_m: f64,
-    heights_m: [f64; 2],
+    sight: Sight,
     rows: Vec<Row>,
     line: Vec<Stretch<LineState>>,
     ground: Vec<Stretch<GroundState>>,
@@ -128,14 +154,22 @@ impl Args {
                 ))
             })?;
         }
-        Profile::new(database, &site, ends).map_err(|error| place_failure(error.into()))
+        let earth = self.earth.earth(site.scale)?;
+        Profile::new(database, &site, ends, earth).map_err(|error| place_failure(error.into()))
     }
 }
 
 impl Profile {
-    fn new(database: &Database, site: &Site, ends: [[f64; 3]; 2]) -> Result<Self, LosError> {
+    fn new(database: &Database, site: &Site, ends: [[f64; 3]; 2], earth: Earth) -> Result<Self, LosError> {
         let [a, b] = ends;
         let scale = site.scale;
+        let options = Options { earth, ..Options::default() };
+        let [bend_east, bend_north] = earth.coefficients();
+        let (across, along) = (b[0] - a[0], b[1] - a[1]);
+        let sight = Sight {
+            ends_m: [a[2] * scale.up_m, b[2] * scale.up_m],
+            bend_m: (across * across * bend_east + along * along * bend_north) * scale.up_m,
+        };
         let (east, north) = ((b[0] - a[0]) * scale.east_m, (b[1] - a[1]) * scale.north_m);
         let range_m = (east * east + north * north).sqrt();
         let breaks = los::profile(database, [a[0], a[1]], [b[0], b[1]], MAX_BREAKS)?;
@@ -146,19 +180,19 @@ impl Profile {
                 range_m: found.t * range_m,
                 at: site.georeference.map_or([x, y], |place| place.map_from_grid(x, y)),
                 ground_m: found.ground.map(|z| z * scale.up_m),
-                line_m: (a[2] + found.t * (b[2] - a[2])) * scale.up_m,
+                line_m: sight.height_m(found.t),
                 known_after: found.known_after,
             }
         });
         Ok(Self {
             ends,
-            verdict: Lines::new(database).ask(a, b, Options::default())?.verdict,
+            verdict: Lines::new(database).ask(a, b, options)?.verdict,
             range_m,
-            heights_m: [a[2] * scale.up_m, b[2] * scale.up_m],
+            sight,
             rows: rows.collect(),
-            line: los::line_stretches(database, a, b, Earth::Flat)?,
-            ground: los::ground_stretches(database, a, [b[0], b[1]])?,
-            derived: los::derive(database, a, b, Options::default())?,
+            line: los::line_stretches(database, a, b, earth)?,
+            ground: los::ground_stretches(database, a, [b[0], b[1]], earth)?,
+            derived: los::derive(database, a, b, options)?,
         })
     }
 

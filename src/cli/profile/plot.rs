@@ -33,7 +33,7 @@ struct Axes {
 impl Axes {
     fn new(profile: &Profile) -> Self {
         let grounds = profile.rows.iter().filter_map(|row| row.ground_m);
-        let heights = grounds.chain(profile.heights_m);
+        let heights = grounds.chain(profile.sight.parts(0.0, 1.0).map(|t| profile.sight.height_m(t)));
         let (low, high) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
         let margin = (0.08 * (high - low)).max(1.0);
         Self { range_m: profile.range_m.max(1e-9), low: low - margin, high: high + margin }
@@ -134,15 +134,14 @@ fn part(rows: &[Row], from: f64, to: f64) -> Vec<[[f64; 2]; 2]> {
 }
 
 fn line(canvas: &mut Canvas, axes: &Axes, profile: &Profile) {
-    let [za, zb] = profile.heights_m;
-    let at = |t: f64| axes.at(t * profile.range_m, za + t * (zb - za));
+    let at = |t: f64| axes.at(t * profile.range_m, profile.sight.height_m(t));
     for stretch in &profile.line {
         let colour = match stretch.state {
             LineState::Above => CLEAR,
             LineState::Below => BELOW,
             LineState::Unknown => DOUBT,
         };
-        canvas.line(vec![at(stretch.from), at(stretch.to)], colour, 2.5);
+        canvas.line(profile.sight.parts(stretch.from, stretch.to).map(at).collect(), colour, 2.5);
     }
     for (t, name) in [(0.0, "A"), (1.0, "B")] {
         let [x, y] = at(t);

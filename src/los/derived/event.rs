@@ -84,6 +84,8 @@ pub(in crate::los) struct Chord {
     pub(in crate::los) to: Event,
     /// The least known face that holds it.
     pub(in crate::los) face: Face,
+    /// Of the face's posts.
+    pub(in crate::los) heights: [f64; 3],
     /// What the line does inside, where it is not below ground at the ends.
     pub(in crate::los) dip: Dip,
     /// W times the square of the chord's length in t.
@@ -98,7 +100,7 @@ impl Chord {
         }
         let (face, heights) = joined(&from, &to)?;
         let length = to.place.t - from.place.t;
-        let mut chord = Self { from, to, face, dip: Dip::None, bend: line.bend * length * length };
+        let mut chord = Self { from, to, face, heights, dip: Dip::None, bend: line.bend * length * length };
         let near = |e: &Event| e.place.clearance - e.error <= line.sag();
         // Written so that what is not a number is looked into.
         if !line.is_straight() && !from.is_below() && !to.is_below() && (near(&from) || near(&to)) {

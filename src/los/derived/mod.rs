@@ -11,6 +11,7 @@
 mod ahead;
 pub(super) mod crest;
 pub(super) mod event;
+mod rise;
 pub(super) mod stretches;
 mod target;
 mod trail;

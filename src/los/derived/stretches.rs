@@ -7,24 +7,23 @@
 //!
 //! **Of the ground.** The ground at t is in the state that the verdict on the line from A to it has: seen, hidden, or
 //! unknown when there is no known ground at t or when the view passes unknown ground before and nothing known hides it.
-//! With s(t) the slope from A to the ground at t, that is seen exactly when s(t) is not below s anywhere before.
-//! Along a chord s only rises, only falls or stays, so the crossings decide, and their slopes are compared exactly
-//! when rounded ones are too close. Where the ground comes into view inside a chord, at the line over the last crest,
-//! t is rounded.
+//! With s(t) the slope from A to the ground at t, or the rise ([`super::rise`]) on a curved Earth, that is seen exactly
+//! when s(t) is not below s anywhere before. Along a chord s only rises, only falls or stays, or rises and then falls
+//! as the ground bends away; so the crossings and those tops decide, and they are compared exactly when rounded ones
+//! are too close. Where the ground comes into view inside a chord, at the line over the last crest, or bends away, t is
+//! rounded.
 
-use sightline_proto::{
-    number::{Dyadic, Interval, Number},
-    predicates::Sign,
-};
+use sightline_proto::predicates::Sign;
 
 use super::{
     ahead,
     event::{Chord, Event, Events},
+    rise::{self, Crest, Tangent},
 };
 use crate::{
     los::{
         LosError, check_finite,
-        earth::{At, Dip, Earth, Fraction, Line, Plane, Quadratic},
+        earth::{At, Dip, Earth, Line, Plane},
         sweep::ROUNDOFF,
         walk::Walk,
     },
@@ -176,15 +175,19 @@ fn add_chord(stretches: &mut Stretches<LineState>, chord: &Chord) {
 }
 
 /// The stretches of the ground under the plan line from `a` to `b` that A sees or does not, from A on; they cover it.
-/// On a flat Earth.
-pub fn ground_stretches<H>(field: &H, a: [f64; 3], b: [f64; 2]) -> Result<Vec<Stretch<GroundState>>, LosError>
+pub fn ground_stretches<H>(
+    field: &H,
+    a: [f64; 3],
+    b: [f64; 2],
+    earth: Earth,
+) -> Result<Vec<Stretch<GroundState>>, LosError>
 where
     H: HeightField + ?Sized,
 {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite([b[0], b[1], 0.0], ["bx", "by", "bz"])?;
     // A level line: its clearance is how far the ground lies below A.
-    let line = Line::new(a, [b[0], b[1], a[2]], Earth::Flat);
+    let line = Line::new(a, [b[0], b[1], a[2]], earth);
     Ok(ground_stretches_on(&mut Walk::new(field, line.a, line.b), line)?)
 }
 
@@ -219,8 +222,8 @@ where
 /// What A has seen so far.
 struct View {
     line: Line,
-    /// The first event of greatest slope.
-    crest: Option<Event>,
+    /// The first place of greatest rise.
+    crest: Option<Crest>,
     /// A is below ground.
     below: bool,
     /// Something unknown was passed.
@@ -239,6 +242,7 @@ impl View {
                 }
             }
             Some(last) => match Chord::new(&self.line, *last, *event) {
+                Some(chord) if !self.line.is_straight() => self.curved_chord(&chord),
                 Some(_) => self.chord(last, event),
                 None => {
                     self.unknown = true;
@@ -253,19 +257,20 @@ impl View {
         let hidden = self.against_crest(event) == Sign::Negative;
         self.stretches.add(self.state(event.is_known(), hidden), t, t);
         if event.is_known() && event.at != At::A && self.against_crest(event) == Sign::Positive {
-            self.crest = Some(*event);
+            self.crest = Some(Crest::Event(*event));
         }
     }
 
     /// Whether all ground of a stretch, which is known, lies below the line over the crest.
     fn hides(&self, stretch: &ahead::Stretch) -> bool {
         let Some(crest) = &self.crest else { return false };
-        let (t, z) = (crest.place.t, self.line.a[2]);
-        let slope = -crest.place.clearance / t;
-        // The slope is off by the errors of clearance and t over t, and by roundings; doubled.
-        let error = 2.0 * (crest.error + slope.abs() * crest.t_error) / t + 16.0 * ROUNDOFF * (slope.abs() + z.abs());
+        let (rise, error) = crest.rise();
+        let z = self.line.a[2];
+        let bulge = self.line.bulge_error(0.0);
+        let error = error + bulge + stretch.sag + 16.0 * ROUNDOFF * (rise.abs() + z.abs()) + f64::MIN_POSITIVE;
         // False when something is not a number.
-        stretch.ends.iter().all(|at| z + slope * at - error - f64::MIN_POSITIVE > stretch.ground)
+        let over = |t: &f64| z + rise * t - self.line.bulge(*t) - error;
+        stretch.ends.iter().all(|t| over(t) > stretch.ground)
     }
 
     /// The state of ground that the last crest hides, or does not.
@@ -281,20 +286,22 @@ impl View {
         }
     }
 
-    /// The sign of the slope to an event less that to the crest; positive where there is none yet.
+    /// The sign of the rise at an event less that at the crest; positive where there is none yet.
     fn against_crest(&self, event: &Event) -> Sign {
-        match &self.crest {
-            Some(crest) if event.at != At::A => slope_order(&self.line, event, crest),
-            _ => Sign::Positive,
-        }
+        if event.at == At::A { Sign::Positive } else { self.over_crest(&Crest::Event(*event)) }
+    }
+
+    fn over_crest(&self, place: &Crest) -> Sign {
+        self.crest.as_ref().map_or(Sign::Positive, |crest| rise::order(&self.line, place, crest))
     }
 
     /// The inside of a chord over known ground.
     fn chord(&mut self, last: &Event, event: &Event) {
         let (from, to) = (last.place.t, event.place.t);
         // From A itself the slope rises, or stays when A is on the ground.
-        let rises = last.at == At::A || slope_order(&self.line, event, last) != Sign::Negative;
-        let stays = last.at != At::A && slope_order(&self.line, event, last) == Sign::Zero;
+        let order = || rise::order(&self.line, &Crest::Event(*event), &Crest::Event(*last));
+        let rises = last.at == At::A || order() != Sign::Negative;
+        let stays = last.at != At::A && order() == Sign::Zero;
         let begins_hidden = last.at != At::A && self.against_crest(last) == Sign::Negative;
         let ends_above = self.against_crest(event) == Sign::Positive;
         let [seen, hidden] = [false, true].map(|hidden| self.state(true, hidden));
@@ -312,42 +319,99 @@ impl View {
     /// Where the ground comes up to the line over the crest.
     fn appears(&self, last: &Event, event: &Event) -> f64 {
         let Some(crest) = &self.crest else { return last.place.t };
-        let fall = crest.place.clearance / crest.place.t;
+        let fall = -crest.rise().0;
         let [under, over] = [last, event].map(|e| e.place.clearance - fall * e.place.t);
         let s = under / (under - over);
         let s = if s.is_nan() { 0.0 } else { s.clamp(0.0, 1.0) };
         last.place.t + s * (event.place.t - last.place.t)
     }
+
+    /// The inside of a chord over known ground of a curved Earth: the rise grows to a top and falls from there.
+    fn curved_chord(&mut self, chord: &Chord) {
+        let (last, event) = (&chord.from, &chord.to);
+        let (from, to) = (last.place.t, event.place.t);
+        let [seen, hidden] = [false, true].map(|hidden| self.state(true, hidden));
+        let plane = Plane::new(chord.face, chord.heights);
+        let grows = [last, event].map(|end| rise::growth(&self.line, &plane, end.at));
+        let curve = Curve::new(&self.line, &plane);
+        if grows[0] != Sign::Positive {
+            if last.at == At::A && grows[0] == Sign::Zero {
+                // A is on the ground, which bends away from there.
+                self.crest = Some(Crest::Tangent(curve.tangent(plane, 0.0)));
+            }
+            self.stretches.add(hidden, from, to);
+            return;
+        }
+        // Whatever is not a number is put at the beginning.
+        let within = |t: f64, end: f64| if t >= from { t.min(end) } else { from };
+        let begins_hidden = last.at != At::A && self.against_crest(last) == Sign::Negative;
+        let bends = grows[1] == Sign::Negative;
+        let top =
+            if bends { Crest::Tangent(curve.tangent(plane, within(curve.top(), to))) } else { Crest::Event(*event) };
+        let t_top = if let Crest::Tangent(tangent) = &top { tangent.t } else { to };
+        let over = if begins_hidden { self.over_crest(&top) } else { Sign::Positive };
+        match over {
+            _ if !begins_hidden => self.stretches.add(seen, from, t_top),
+            Sign::Negative => self.stretches.add(hidden, from, t_top),
+            _ => {
+                let rise = self.crest.map_or(0.0, |crest| crest.rise().0);
+                let t = if over == Sign::Zero { t_top } else { within(curve.reaches(rise), t_top) };
+                self.stretches.add(hidden, from, t);
+                self.stretches.add(seen, t, t_top);
+            }
+        }
+        if bends {
+            self.stretches.add(hidden, t_top, to);
+            if over == Sign::Positive {
+                self.crest = Some(top);
+            }
+        }
+    }
 }
 
-/// The sign of the slope from A to the ground at `event` less that at `other`, both beyond A. Exact.
-///
-/// The slopes are -c / t for the clearances c of a level line, so their order is that of c' t and c t'. The rounded
-/// products are each off by at most |c| t_error + error t + error t_error and two roundings.
-fn slope_order(line: &Line, event: &Event, other: &Event) -> Sign {
-    let product = |c: &Event, t: &Event| {
-        let (clearance, t_at) = (c.place.clearance, t.place.t);
-        let value = clearance * t_at;
-        let bound = clearance.abs() * t.t_error + c.error * (t_at + t.t_error) + 4.0 * ROUNDOFF * value.abs();
-        (value, 1.01 * bound + f64::MIN_POSITIVE)
-    };
-    let ((left, left_error), (right, right_error)) = (product(other, event), product(event, other));
-    let (difference, bound) = (left - right, left_error + right_error);
-    if difference > bound {
-        return Sign::Positive;
+/// The clearance W t^2 + l t + c of a level line over a face, rounded.
+struct Curve {
+    w: f64,
+    l: f64,
+    c: f64,
+    /// A bound of the error of each.
+    error: f64,
+}
+
+impl Curve {
+    /// Over a plane, of a level line. Each term is off by a few roundings of itself; eight of the sum of their
+    /// magnitudes are more than that.
+    fn new(line: &Line, plane: &Plane) -> Self {
+        let [gx, gy] = [plane.east, plane.north].map(|[low, high]| high - low);
+        let across = [(line.b[0] - line.a[0]) * gx, (line.b[1] - line.a[1]) * gy];
+        let away = [(line.a[0] - f64::from(plane.post.i)) * gx, (line.a[1] - f64::from(plane.post.j)) * gy];
+        let (w, z) = (line.bend, line.a[2]);
+        let size = w + z.abs() + plane.z.abs() + across.iter().chain(&away).map(|v| v.abs()).sum::<f64>();
+        Self {
+            w,
+            l: -w - across[0] - across[1],
+            c: (z - plane.z - away[0] - away[1]).max(0.0),
+            error: 8.0 * ROUNDOFF * size,
+        }
     }
-    if difference < -bound {
-        return Sign::Negative;
+
+    /// Where the rise is greatest.
+    fn top(&self) -> f64 {
+        (self.c / self.w).sqrt()
     }
-    fn exact<N: Number>(line: &Line, event: &Event, other: &Event) -> Option<Sign> {
-        let at = |e: &Event| {
-            let t = Fraction::<N>::new(line, e.at);
-            let clearance = Quadratic::new(line, &Plane::new(e.face, e.heights)).straight_at(&t);
-            (clearance, t.n)
-        };
-        // Over the denominators of both, which are above 0 and cancel.
-        let ((clearance, t), (other_clearance, other_t)) = (at(event), at(other));
-        other_clearance.mul(&t).sub(&clearance.mul(&other_t)).sign()
+
+    fn tangent(&self, plane: Plane, t: f64) -> Tangent {
+        let root = (self.c * self.w).sqrt();
+        let rise = -(self.l + 2.0 * root);
+        // The root of something off by at most so much is off by at most its root.
+        let error = self.error + 2.0 * (self.error * self.w).sqrt() + 16.0 * ROUNDOFF * (rise.abs() + root);
+        Tangent { plane, t, rise, error: 2.0 * error }
     }
-    exact::<Interval>(line, event, other).or_else(|| exact::<Dyadic>(line, event, other)).unwrap_or(Sign::Zero)
+
+    /// Where the rise first is so much.
+    fn reaches(&self, rise: f64) -> f64 {
+        let b = self.l + rise;
+        // Of the two forms of the lesser root the one without cancelling, since b is negative here.
+        2.0 * self.c / (-b + (b * b - 4.0 * self.w * self.c).max(0.0).sqrt())
+    }
 }

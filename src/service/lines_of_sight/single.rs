@@ -65,11 +65,7 @@ fn add_stretches(
     options: Options,
 ) -> Result<(), Status> {
     let line = los::line_stretches(terrain, a, b, options.earth).map_err(IntoStatus::into_status)?;
-    let ground = if options.earth.is_flat() {
-        los::ground_stretches(terrain, a, [b[0], b[1]]).map_err(IntoStatus::into_status)?
-    } else {
-        Vec::new()
-    };
+    let ground = los::ground_stretches(terrain, a, [b[0], b[1]], options.earth).map_err(IntoStatus::into_status)?;
     let count = line.len().max(ground.len());
     if count > MAX_STRETCHES {
         return Err(too_many("stretches of one line", count, MAX_STRETCHES));
