@@ -259,7 +259,7 @@ fn over_pages<R: Real, const SURE: bool>(pages: [&HeightPage; 4], a: [f64; 3], b
 }
 
 /// AB's crossings with one family.
-struct Lines<R> {
+struct Crossings<R> {
     /// The family's function at A and B, and the two numbers of which each is the sum (for diagonals).
     ends: [R; 2],
     sums: [[R; 2]; 2],
@@ -287,9 +287,9 @@ fn decide<R: Real, T: Heights, const SURE: bool>(heights: &T, a: [f64; 3], b: [f
     let (dx, dy) = (bx - ax, by - ay);
     let rise = Rise { z: az, dz: bz - az, size: a[2].abs().max(b[2].abs()) };
     let (stride, none) = (T::STRIDE, [[ax; 2]; 2]);
-    let column = Lines { ends: [ax, bx], sums: none, v: ay, dv: dy, spacing: 1, per_line: 1, per_post: stride };
-    let row = Lines { ends: [ay, by], sums: none, v: ax, dv: dx, spacing: 1, per_line: stride, per_post: 1 };
-    let rising = Lines {
+    let column = Crossings { ends: [ax, bx], sums: none, v: ay, dv: dy, spacing: 1, per_line: 1, per_post: stride };
+    let row = Crossings { ends: [ay, by], sums: none, v: ax, dv: dx, spacing: 1, per_line: stride, per_post: 1 };
+    let rising = Crossings {
         ends: [ax - ay, bx - by],
         sums: [[ax, R::ZERO - ay], [bx, R::ZERO - by]],
         spacing: 2,
@@ -301,8 +301,8 @@ fn decide<R: Real, T: Heights, const SURE: bool>(heights: &T, a: [f64; 3], b: [f
         Lines { ends: [ax + ay, bx + by], sums: [[ax, ay], [bx, by]], spacing: 2, per_post: 1 - stride, ..row };
     // Those with most lines first.
     let (first, second) = if dx.abs() > dy.abs() { (column, row) } else { (row, column) };
-    for lines in [first, second, rising, falling] {
-        if let Some(found) = cross::<R, T, SURE>(heights, &lines, rise, magnitude) {
+    for crossings in [first, second, rising, falling] {
+        if let Some(found) = cross::<R, T, SURE>(heights, &crossings, rise, magnitude) {
             return found;
         }
     }
@@ -314,15 +314,15 @@ fn decide<R: Real, T: Heights, const SURE: bool>(heights: &T, a: [f64; 3], b: [f
 #[inline]
 fn cross<R: Real, T: Heights, const SURE: bool>(
     heights: &T,
-    lines: &Lines<R>,
+    crossings: &Crossings<R>,
     rise: Rise<R>,
     magnitude: f64,
 ) -> Option<Glance> {
-    let ([from, to], spacing) = (lines.ends, lines.spacing);
+    let ([from, to], spacing) = (crossings.ends, crossings.spacing);
     let forward = to > from;
     let ((low, low_whole), (high, high_whole)) =
         if forward { (floor(from), floor(to)) } else { (floor(to), floor(from)) };
-    if SURE && spacing > 1 && (low_whole || high_whole) && !lines.sums.iter().all(is_exact_sum) {
+    if SURE && spacing > 1 && (low_whole || high_whole) && !crossings.sums.iter().all(is_exact_sum) {
         return Some(Glance::Unsure);
     }
     let first = (low & -spacing) + spacing;
@@ -332,9 +332,9 @@ fn cross<R: Real, T: Heights, const SURE: bool>(
     }
     let reach = to - from;
     let per = R::ONE / reach;
-    let (v_slope, z_slope) = (lines.dv * per, rise.dz * per);
+    let (v_slope, z_slope) = (crossings.dv * per, rise.dz * per);
     let Bounds { clearance: bound, inner } = if SURE {
-        match Bounds::new(lines, rise, [reach, per], magnitude) {
+        match Bounds::new(crossings, rise, [reach, per], magnitude) {
             Some(bounds) => bounds,
             None => return Some(Glance::Unsure),
         }
@@ -344,12 +344,12 @@ fn cross<R: Real, T: Heights, const SURE: bool>(
     let (mut c, step) = if forward { (first, spacing) } else { (last, -spacing) };
     for _ in 0..=(last - first) >> (spacing / 2) {
         let along = R::of_whole(c) - from;
-        let (v, z) = (lines.v + along * v_slope, rise.z + along * z_slope);
+        let (v, z) = (crossings.v + along * v_slope, rise.z + along * z_slope);
         // v rounded down, except that a whole v may become the number below: then the fraction is 1.
         let shifted = (v - R::HALF) + R::WHOLE;
         let fraction = v - (shifted - R::WHOLE);
-        let n = c * lines.per_line + shifted.low_bits() * lines.per_post;
-        let (p, q): (R, R) = (heights.at(n), heights.at(n + lines.per_post));
+        let n = c * crossings.per_line + shifted.low_bits() * crossings.per_post;
+        let (p, q): (R, R) = (heights.at(n), heights.at(n + crossings.per_post));
         let clearance = z - (p + fraction * (q - p));
         let is_inside = !SURE || (fraction - R::HALF).abs() < inner;
         if clearance > bound && is_inside {
@@ -374,12 +374,12 @@ impl<R: Real> Bounds<R> {
     /// `None` where AB is so short across the family's lines that errors are no longer small. The interpolated height
     /// costs 2 m error(v) + 16 u m, m being the greatest magnitude of a sample, as in [`super::run`].
     #[inline]
-    fn new(lines: &Lines<R>, rise: Rise<R>, [reach, per]: [R; 2], magnitude: f64) -> Option<Self> {
+    fn new(crossings: &Crossings<R>, rise: Rise<R>, [reach, per]: [R; 2], magnitude: f64) -> Option<Self> {
         if reach.abs() < R::of(LEAST_REACH) {
             return None;
         }
         let relative = R::of(G_ERROR) * per.abs() + R::of(10.0 * ROUNDOFF);
-        let v_error = lines.dv.abs() * relative + R::of(2.0 * ROUNDOFF * WINDOW + UNDERFLOW);
+        let v_error = crossings.dv.abs() * relative + R::of(2.0 * ROUNDOFF * WINDOW + UNDERFLOW);
         let z_error = rise.dz.abs() * relative + R::of(2.0 * ROUNDOFF * rise.size + UNDERFLOW);
         let ground = (v_error + v_error + R::of(16.0 * ROUNDOFF)) * R::of(magnitude);
         Some(Self { clearance: z_error + ground, inner: R::HALF - v_error - R::of(2.0 * ROUNDOFF) })

@@ -7,9 +7,10 @@ use thiserror::Error;
 /// How certain an answer has to be.
 #[derive(Clone, Copy, PartialEq, Default, Debug)]
 pub enum Precision {
-    /// Crossings in f32: wrong wherever the clearance is lost in its rounding, some 1e-4 of a post's step on large grids.
+    /// f32 at its word where a line lies within 2 x 2 pages: wrong wherever the clearance is lost in rounding, some 1e-5
+    /// of the steps and heights there. Longer lines are asked as with [`Precision::F64`].
     Fast,
-    /// Crossings in f64 without the exact rung: wrong near ties.
+    /// f64 at its word, without the exact rung: wrong near ties.
     F64,
     /// Always right.
     #[default]
