@@ -145,7 +145,7 @@ async fn stretches_are_those_of_the_library() {
     let resolved = answer.resolved.unwrap();
     let [a, b] = [resolved.a.unwrap(), resolved.b.unwrap()].map(|p| [p.x, p.y, p.z]);
     let line = los::line_stretches(&*field, a, b, los::Earth::Flat).unwrap();
-    let ground = los::ground_stretches(&*field, a, [b[0], b[1]]).unwrap();
+    let ground = los::ground_stretches(&*field, a, [b[0], b[1]], los::Earth::Flat).unwrap();
     assert!(line.len() > 1 && ground.len() > 1);
     let parts = |from: f64, to: f64| [from.to_bits(), to.to_bits()];
     let told: Vec<_> = answer.line.iter().map(|s| parts(s.from, s.to)).collect();
