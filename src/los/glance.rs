@@ -298,7 +298,7 @@ fn decide<R: Real, T: Heights, const SURE: bool>(heights: &T, a: [f64; 3], b: [f
         ..row
     };
     let falling =
-        Lines { ends: [ax + ay, bx + by], sums: [[ax, ay], [bx, by]], spacing: 2, per_post: 1 - stride, ..row };
+        Crossings { ends: [ax + ay, bx + by], sums: [[ax, ay], [bx, by]], spacing: 2, per_post: 1 - stride, ..row };
     // Those with most lines first.
     let (first, second) = if dx.abs() > dy.abs() { (column, row) } else { (row, column) };
     for crossings in [first, second, rising, falling] {
