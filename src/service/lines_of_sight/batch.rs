@@ -79,7 +79,7 @@ impl Batch {
         wanted: &Wanted,
         sender: &Sender<v1::QueryLineOfSightBatchResponse>,
     ) -> Result<(), Status> {
-for first in (0..self.len()).step_by(WINDOW_LINES) {
+        for first in (0..self.len()).step_by(WINDOW_LINES) {
             let lines = first..self.len().min(first + WINDOW_LINES);
             let briefs = self.answer(lines, &*shared.terrain, &shared.site, wanted)?;
             for (n, briefs) in briefs.chunks(CHUNK_LINES).enumerate() {
