@@ -263,7 +263,7 @@ fn a_region_of_interest_makes_the_mesh_finer_inside_and_the_bound_stays_true() {
     let region = v1::RegionOfInterest { east_m: 700.0, north_m: 950.0, radius_m: 150.0, weight: 1000.0 };
     let with = v1::ViewSettings { regions: vec![region], ..wire_settings(400, None) };
     let inside = |client: &SceneState| {
-        let near = |p: &Post| (f64::from(p.i) * 30.0 - 700.0).hypot(f64::from(p.j) * 25.0 - 950.0) < 150.0;
+        let near = |p: &Post| libm::hypot(f64::from(p.i) * 30.0 - 700.0, f64::from(p.j) * 25.0 - 950.0) < 150.0;
         client.replica().posts().into_iter().filter(|(p, _)| near(p)).count()
     };
     let (mut view, mut client) = opened(&terrain, &wire_settings(400, None), None);

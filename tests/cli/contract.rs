@@ -18,7 +18,7 @@ const VERBS: [(&str, &str, &str); 15] = [
         "--from --to --batch -o --coords --altitude --precision --strict --derive --earth --earth-radius --refraction \
          --force",
     ),
-    ("profile", "<DB>", "-o --from --to --coords --altitude --force"),
+    ("profile", "<DB>", "-o --from --to --coords --altitude --earth --earth-radius --refraction --force"),
     (
         "viewshed",
         "<DB>",

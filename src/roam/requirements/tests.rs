@@ -417,7 +417,7 @@ fn requirements_do_not_grow_while_lines_move() {
             .map(|id| {
                 let end = |k: u64| {
                     let t = unit(id, k) * 6.3 + f64::from(step) * 0.01;
-                    let (x, y) = (64.0 + 60.0 * t.sin(), 64.0 + 60.0 * (t * (1.0 + unit(id, k + 1))).cos());
+                    let (x, y) = (64.0 + 60.0 * libm::sin(t), 64.0 + 60.0 * libm::cos(t * (1.0 + unit(id, k + 1))));
                     [x, y, los::on_ground(&*terrain, x, y, 2.0).unwrap().unwrap()]
                 };
                 let (a, b) = (end(1), end(3));
