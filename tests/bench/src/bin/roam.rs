@@ -10,7 +10,7 @@ use glam::{DQuat, DVec3};
 use sightline::{
     database::{Database, OpenOptions},
     roam::{MeshReport, Options, Target, ViewMesh},
-    terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, Posts, SceneScale, synthetic},
+    terrain::{HeightField, Posts, SceneScale, synthetic},
     view::{Camera, Projection},
     wedgie::MemoryTerrain,
 };
