@@ -24,6 +24,16 @@ fn a_target_height_is_found_where_only_ground_beside_the_observer_blocks() {
     assert_eq!(least_target_height(&field, a, [0.0, -0.513], Options::default()).unwrap(), Some(0.0));
 }
 
+/// The way is a single point, and A stands there on an edge of curved ground.
+#[test]
+fn ground_under_the_observer_is_seen_by_it() {
+    let field = MemoryField::from_fn(3, 2, |i, j| Some(if (i, j) == (1, 1) { 2.0 } else { 0.0 })).unwrap();
+    for earth in [Earth::Flat, Earth::curved(0.125, 0.0625).unwrap()] {
+        let stretches = ground_stretches(&field, [1.5, 0.5, 1.0], [1.5, 0.5], earth).unwrap();
+        assert!(stretches.iter().all(|s| s.state == GroundState::Seen), "{earth:?}: {stretches:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(3000))]
 

@@ -101,8 +101,10 @@ impl Line {
         Self { a, b, earth, bend: part(dx, earth[0]) + part(dy, earth[1]) }
     }
 
+    /// The Earth does not bend it: it is flat, or the line moves along no axis that is curved (not at all, if it is
+    /// plumb).
     pub(super) fn is_straight(&self) -> bool {
-        self.earth == [0.0; 2]
+        [0, 1].iter().all(|&axis| self.earth[axis] == 0.0 || self.a[axis] == self.b[axis])
     }
 
     /// By how much the line is lowered at t.
