@@ -1,5 +1,5 @@
-//! The horizon of the ground up to the first column a post away from A, whose posts need not lie ahead: each ray is
-//! intersected with each edge.
+//! The horizon of the ground up to the first column a post away from A, with that column, whose posts need not lie
+//! ahead: each ray is intersected with each edge.
 //!
 //! **Errors.** Coordinates relative to A are at most 8 here and have one rounding; a ray's side of a post, Y - m X, is
 //! off by 2^-48. Rays stay away from the directions of edges by half a sector, at least 2^-18, so the share at which an
@@ -35,7 +35,7 @@ struct Corner {
     exact: bool,
 }
 
-/// Raises the upper bounds by the ground before column `first`.
+/// Raises the upper bounds by the ground up to column `first`; its posts are corners of the ground before it.
 pub(super) fn push<H>(
     horizon: &mut Horizon,
     frame: &Frame,
@@ -62,10 +62,8 @@ where
             } else {
                 push_edge(horizon, frame.bulge(), near_next, far)
             }
-            if a != first {
-                push_edge(horizon, frame.bulge(), far, far_next);
-                push_post(horizon, frame.bulge(), far);
-            }
+            push_edge(horizon, frame.bulge(), far, far_next);
+            push_post(horizon, frame.bulge(), far);
         }
         a = before;
     }

@@ -116,6 +116,17 @@ fn a_bulge_between_crossings_counts_where_a_path_is_followed_back() {
     check(&field, &View { observer: [x, y, z], target_height: 1.0, region: everything(), strict: false, earth });
 }
 
+/// An edge before the first column rises, within one sector, towards its post in that column.
+#[test]
+fn a_path_followed_back_to_the_first_column_meets_the_posts_of_that_column() {
+    let field = terrain(10_958_751_093_110_824_209, 35, 7, 0);
+    let (x, y) = (20.567_465_274_401_51, 6.0_f64.next_down());
+    let z = on_ground(&field, x, y, 1.0).unwrap().unwrap();
+    let view =
+        View { observer: [x, y, z], target_height: 0.1, region: everything(), strict: false, earth: Earth::Flat };
+    check(&field, &view);
+}
+
 #[test]
 fn a_fractal_is_right_in_every_cell_and_few_are_asked() {
     let field = synthetic::fractal(257, 257, 5, 400).unwrap();
