@@ -10,11 +10,11 @@
 //!    splits only accumulate in this, so it ends.
 //! 3. Lines that chose in this update, and in turn all others, choose again, as if they owned nothing: what they need no
 //!    more they give up. So nothing creeps. Then step 2 again.
-//! 4. Where that overflows the budget, all is given up, and lines take *no more than their stable sets allow*
-//!    ([`super::stable`]). A line for which there is no room displaces the last one in order that owns anything, or is
-//!    dropped itself; what is dropped does not return within the update. So a line is dropped only if those up to it
-//!    need, together, more than the budget; and what they need is part of their joint stable set. This goes on in
-//!    later updates until no line is dropped.
+//! 4. Where that overflows the budget, a line for which there is no room displaces the last ones in order that own
+//!    anything, or is dropped itself ([`super::room`]). What is dropped does not return within the update, and later in
+//!    its turn. Should that name a line which may not be named, all is given up, and lines take *no more than their
+//!    stable sets allow* ([`super::stable`]): then a line is dropped only if those up to it need, together, more than
+//!    the budget, and what they need is part of their joint stable set.
 //!
 //! Either way every line is checked, exactly, on the mesh that is delivered.
 
@@ -26,13 +26,13 @@ use super::{
     Fidelity, RequiredLine,
     aim::Aim,
     draft::{Draft, PostSet},
-    entry::Entry,
+    entry::{Entry, Standing},
     ground::Ground,
     ledger::Ledger,
     near::Near,
+    room::Overflow,
     rule::Rule,
-    stable::steadiest,
-    witness::{Witness, witnesses},
+    witness::find,
 };
 use crate::{
     roam::{
@@ -44,8 +44,8 @@ use crate::{
 
 /// Rounds of needed-only refinement before lines are held to their stable sets. A guess; a dozen is much.
 const MAX_ROUNDS: usize = 48;
-/// In how many updates each line gets its turn to choose again.
-const TURNS: u64 = 8;
+/// In how many updates each line gets its turn to choose again, and one that was dropped to be served again.
+pub(super) const TURNS: u64 = 8;
 
 /// What came of it.
 #[derive(Clone, PartialEq, Eq, Default, Debug)]
@@ -62,23 +62,25 @@ pub(in crate::roam) struct Outcome {
 #[derive(Debug)]
 pub(in crate::roam) struct Requirements {
     /// In order of priority, then id.
-    entries: Vec<Entry>,
-    ledger: Ledger,
+    pub(super) entries: Vec<Entry>,
+    pub(super) ledger: Ledger,
     near: Near,
-    /// Whether lines are held to their stable sets.
-    is_tight: bool,
+    /// Where the joint stable set of lines in order is known to overflow; while the lines are the same.
+    pub(super) overflow: Option<Overflow>,
     /// After a failure nothing is relied on.
     is_broken: bool,
     /// Counts updates.
-    turn: u64,
+    pub(super) turn: u64,
 }
 
 /// One update.
-struct Run<'a, 'g, T: Terrain> {
+pub(super) struct Run<'a, 'g, T: Terrain> {
     queue: &'a mut DualQueue<T>,
-    ground: &'a Ground<'g, T>,
-    allowed: Allowance,
-    state: &'a mut Requirements,
+    pub(super) ground: &'a Ground<'g, T>,
+    pub(super) allowed: Allowance,
+    pub(super) state: &'a mut Requirements,
+    /// Whether lines are held to their stable sets.
+    is_strict: bool,
     /// How many toggles of the queue the lines have been checked against.
     seen: usize,
 }
@@ -86,7 +88,7 @@ struct Run<'a, 'g, T: Terrain> {
 impl Requirements {
     pub(in crate::roam) fn new(grid: Grid) -> Self {
         let (ledger, near) = (Ledger::new(grid.root()), Near::new(grid));
-        Self { entries: Vec::new(), ledger, near, is_tight: false, is_broken: false, turn: 0 }
+        Self { entries: Vec::new(), ledger, near, overflow: None, is_broken: false, turn: 0 }
     }
 
     /// Refines `queue`, which looks through the camera already, so that it makes `lines` right as far as they fit.
@@ -105,7 +107,7 @@ impl Requirements {
         let ground = Ground::new(&*terrain);
         self.turn += 1;
         self.take(queue, &ground, lines)?;
-        let mut run = Run { queue, ground: &ground, allowed, state: self, seen: 0 };
+        let mut run = Run { queue, ground: &ground, allowed, state: self, is_strict: false, seen: 0 };
         run.run()?;
         debug_assert!(run.flags_are_true()?);
         let outcome = run.outcome();
@@ -133,7 +135,7 @@ impl Requirements {
             }
             let known = before.next_if(|entry| entry.line.place() == line.place());
             if let Some(mut entry) = known {
-                (entry.dropped, entry.is_fresh, entry.lacked) = (false, false, 0);
+                entry.is_fresh = false;
                 if entry.line == *line {
                     self.entries.push(entry);
                     continue;
@@ -141,7 +143,7 @@ impl Requirements {
                 anything_moved = true;
                 let rule = rule_of(queue, ground, line)?;
                 let may_keep = rule.as_ref().is_some_and(|rule| entry.replace(*line, rule.clone()));
-                if !may_keep || self.is_tight {
+                if !may_keep {
                     entry.own.drain(..).for_each(|p| self.ledger.remove(p));
                 }
                 entry.is_fresh = !may_keep;
@@ -156,6 +158,7 @@ impl Requirements {
             anything_moved = true;
         }
         if anything_moved {
+            self.overflow = None;
             self.near.fill(self.entries.iter().map(|entry| &entry.line));
         }
         Ok(())
@@ -172,21 +175,15 @@ fn rule_of<T: Terrain>(
 
 impl<T: Terrain> Run<'_, '_, T> {
     fn run(&mut self) -> Result<(), ReadError> {
-        if !self.fits() {
-            self.start_over();
-        }
+        self.serve_again();
+        self.make_room(0);
         self.apply()?;
         self.settle()?;
         if self.choose_again()? {
             self.apply()?;
             self.settle()?;
         }
-        self.state.is_tight = self.state.entries.iter().any(|entry| entry.dropped);
         Ok(())
-    }
-
-    fn fits(&self) -> bool {
-        self.state.ledger.triangles() <= u64::from(self.allowed.max)
     }
 
     /// Tells the queue what is required, lets it refine, and checks the lines that this may have changed.
@@ -224,48 +221,46 @@ impl<T: Terrain> Run<'_, '_, T> {
         Ok(())
     }
 
-    /// Makes all lines hold that are not dropped.
+    /// Makes all lines hold that are served.
     fn settle(&mut self) -> Result<(), ReadError> {
-        if !self.state.is_tight && !self.needed_only(MAX_ROUNDS)? {
+        if !self.is_strict && (!self.needed_only(MAX_ROUNDS)? || self.names_what_must_fit()?) {
             self.start_over();
             self.apply()?;
         }
-        if self.state.is_tight {
+        if self.is_strict {
             // Ends without a limit: each round requires a post more, or drops a line.
             self.needed_only(usize::MAX)?;
         }
         Ok(())
     }
 
-    /// Requires nothing, and holds lines to their stable sets from here on.
+    /// Requires nothing, and holds lines to their stable sets from here on in this update.
     fn start_over(&mut self) {
         self.queue.release_all();
         self.state.ledger = Ledger::new(self.ground.grid().root());
-        self.state.is_tight = true;
+        self.is_strict = true;
         for entry in &mut self.state.entries {
             entry.own.clear();
-            (entry.dropped, entry.is_fresh) = (false, true);
+            entry.is_fresh = true;
+            if entry.standing == Standing::Dropped {
+                entry.standing = Standing::Served;
+            }
         }
     }
 
-    /// Adds what lines need, round by round, until those not dropped all hold: `true`. `false` when that takes more than
-    /// `rounds` or, unless lines are held to their stable sets, overflows the budget.
+    /// Adds what lines need, round by round, until those served all hold: `true`. `false` when that takes more than
+    /// `rounds`.
     fn needed_only(&mut self, rounds: usize) -> Result<bool, ReadError> {
         for _ in 0..rounds {
             let mut is_done = true;
             for n in 0..self.state.entries.len() {
                 let entry = &self.state.entries[n];
-                if entry.holds || entry.dropped {
+                if entry.holds || entry.standing != Standing::Served {
                     continue;
                 }
                 is_done = false;
                 self.help(n)?;
-                if !self.fits() {
-                    if !self.state.is_tight {
-                        return Ok(false);
-                    }
-                    self.make_room(n);
-                }
+                self.make_room(n);
             }
             if is_done {
                 return Ok(true);
@@ -275,14 +270,13 @@ impl<T: Terrain> Run<'_, '_, T> {
         Ok(false)
     }
 
-    /// Gives a failing line what it needs; drops it when there is no help.
+    /// Gives a failing line what it needs.
     fn help(&mut self, n: usize) -> Result<(), ReadError> {
         let posts = self.needs(n, &PostSet::default())?;
         let Requirements { entries, ledger, .. } = &mut *self.state;
         let entry = &mut entries[n];
         if posts.is_empty() && ledger.touched().is_empty() {
-            // Ends that are no numbers: nothing that is split makes a difference.
-            entry.dropped = true;
+            (entry.standing, entry.lacked) = (Standing::Hopeless, 0);
         }
         posts.iter().for_each(|&p| ledger.add(p));
         entry.own.extend(posts);
@@ -290,47 +284,24 @@ impl<T: Terrain> Run<'_, '_, T> {
         Ok(())
     }
 
-    /// Drops lines, the last in order first, until what is required fits; none before line `n`, which has just taken.
-    fn make_room(&mut self, n: usize) {
-        for last in (n..self.state.entries.len()).rev() {
-            if self.fits() {
-                return;
-            }
-            let Requirements { entries, ledger, .. } = &mut *self.state;
-            let entry = &mut entries[last];
-            if !entry.own.is_empty() {
-                let before = ledger.triangles();
-                entry.own.drain(..).for_each(|p| ledger.remove(p));
-                entry.lacked = before - ledger.triangles();
-                entry.dropped = true;
-            }
-        }
-    }
-
     /// What a line needs on the mesh with all that is required, `less` left out.
     fn needs(&mut self, n: usize, less: &PostSet) -> Result<Vec<Post>, ReadError> {
-        let ground = self.ground;
-        let Requirements { entries, ledger, is_tight, .. } = &mut *self.state;
-        let Entry { line, rule, witnesses: known, steadiest: chosen, .. } = &mut entries[n];
-        let find = |known: &mut Option<Vec<Witness>>| {
-            let found = match known.take() {
-                Some(found) => found,
-                None => witnesses(ground, line)?,
-            };
-            Ok(known.insert(found).clone())
-        };
-        if *is_tight && chosen.is_none() && matches!(rule, Rule::Blocked | Rule::Obstruction(_)) {
-            *chosen = steadiest(ground, line, &find(known)?)?;
+        let (ground, is_strict) = (self.ground, self.is_strict);
+        let Requirements { entries, ledger, .. } = &mut *self.state;
+        let entry = &mut entries[n];
+        if is_strict {
+            entry.find_steadiest(ground)?;
         }
-        let witness = chosen.as_ref().filter(|_| *is_tight);
-        Draft::new(self.queue, ground, ledger, less).needs(line, rule, witness, || find(known))
+        let Entry { line, rule, witnesses, steadiest, .. } = entry;
+        let witness = steadiest.as_ref().filter(|_| is_strict);
+        Draft::new(self.queue, ground, ledger, less).needs(line, rule, witness, || find(ground, line, witnesses))
     }
 
     /// Lets lines choose anew, as if they owned nothing; whether any did.
     fn choose_again(&mut self) -> Result<bool, ReadError> {
         let turn = self.state.turn;
         let is_due = |n: usize, entry: &Entry| {
-            !entry.own.is_empty() && !entry.dropped && (entry.is_fresh || (n as u64 + turn).is_multiple_of(TURNS))
+            !entry.own.is_empty() && (entry.is_fresh || (n as u64 + turn).is_multiple_of(TURNS))
         };
         let due: Vec<_> = (0..self.state.entries.len()).filter(|&n| is_due(n, &self.state.entries[n])).collect();
         if due.is_empty() {

@@ -8,11 +8,30 @@ use sightline_proto::{
     verdict::{for_each_triangle_above, passes_below},
 };
 
-use super::{RequiredLine, near::may_touch, rule::Rule, witness::Witness};
+use super::{
+    RequiredLine,
+    clear::is_clear,
+    ground::Ground,
+    near::may_touch,
+    rule::Rule,
+    stable::steadiest,
+    witness::{Witness, find},
+};
 use crate::{
     roam::{Terrain, queues::DualQueue},
     terrain::ReadError,
 };
+
+/// Whether a line is given what it needs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Standing {
+    /// It is, whenever it does not hold.
+    Served,
+    /// There was no room for it. It is served again in its turn, or once there may be.
+    Dropped,
+    /// No split makes a difference: its ends are no numbers.
+    Hopeless,
+}
 
 /// A line with its place in the procedure.
 #[derive(Debug)]
@@ -25,9 +44,8 @@ pub(super) struct Entry {
     pub(super) is_new: bool,
     /// Whether what it owns was chosen in this update.
     pub(super) is_fresh: bool,
-    /// Given up in this update.
-    pub(super) dropped: bool,
-    /// Triangles that it lacked when it was given up.
+    pub(super) standing: Standing,
+    /// Triangles that it lacked when it was last dropped.
     pub(super) lacked: u64,
     /// Posts that it requires, without their ancestors.
     pub(super) own: Vec<Post>,
@@ -47,7 +65,7 @@ impl Entry {
             holds: false,
             is_new: true,
             is_fresh: true,
-            dropped: false,
+            standing: Standing::Served,
             lacked: 0,
             own: Vec::new(),
             cover: None,
@@ -56,12 +74,29 @@ impl Entry {
         }
     }
 
-    /// Takes another line in the place of this one. Whether what it owns may go on serving.
+    /// Takes another line in the place of this one. Whether what it owns may go on serving; otherwise it starts afresh.
     pub(super) fn replace(&mut self, line: RequiredLine, rule: Rule) -> bool {
         let is_alike = std::mem::discriminant(&self.rule) == std::mem::discriminant(&rule);
         (self.line, self.rule, self.is_new) = (line, rule, true);
         (self.witnesses, self.steadiest) = (None, None);
+        if !is_alike || self.standing == Standing::Hopeless {
+            self.standing = Standing::Served;
+        }
         is_alike
+    }
+
+    /// Finds the place that its stable set stands on, for a line that has one.
+    pub(super) fn find_steadiest<T: Terrain>(&mut self, ground: &Ground<'_, T>) -> Result<(), ReadError> {
+        if self.steadiest.is_none() && matches!(self.rule, Rule::Blocked | Rule::Obstruction(_)) {
+            let known = find(ground, &self.line, &mut self.witnesses)?;
+            self.steadiest = steadiest(ground, &self.line, &known)?;
+        }
+        Ok(())
+    }
+
+    /// Whether it is dropped and does not hold.
+    pub(super) fn is_short(&self) -> bool {
+        self.standing == Standing::Dropped && !self.holds
     }
 
     /// Checks the line on the whole mesh, or on as little of it as proves the same.
@@ -72,6 +107,7 @@ impl Entry {
                 self.cover = self.cover.filter(|triangle| covers(mesh, triangle, &self.line));
                 self.cover.is_some() || self.cover_now(mesh)
             }
+            Rule::Clear => is_clear(mesh, &self.line),
             _ => self.rule.holds(mesh, &self.line)?,
         };
         Ok(())

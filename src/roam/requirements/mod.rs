@@ -10,12 +10,14 @@
 //! up where it is no longer needed. The same sequence of updates gives the same meshes, bit for bit.
 
 mod aim;
+mod clear;
 mod draft;
 mod engine;
 mod entry;
 mod ground;
 mod ledger;
 mod near;
+mod room;
 mod rule;
 mod stable;
 mod witness;

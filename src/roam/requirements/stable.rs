@@ -6,7 +6,6 @@
 //! over p with plane_T(p) - thickness_T <= z(p): the unsplit triangle over p is then above the line. Where p lies on an
 //! edge, one finest triangle beside it is chosen, and only the triangles that contain that one count: the unsplit one
 //! over p is among them, and the set is smaller.
-
 //!
 //! What a visible line needs on any mesh is in its set, and so is what a blocked one needs for that point. So the sets
 //! need not be made to be relied on: while lines take no more than they need in this sense, a run of lines whose joint
@@ -15,12 +14,14 @@
 use sightline_proto::{
     diamond::{Post, Triangle},
     predicates::Sign,
+    verdict::passes_below,
 };
 
 use super::{
     RequiredLine,
     ground::{Ground, moved},
     ledger::Ledger,
+    rule::{Rule, thickness},
     witness::Witness,
 };
 use crate::{roam::Terrain, terrain::ReadError};
@@ -59,6 +60,41 @@ pub(super) fn witness_set<T: Terrain>(
             bottom.is_none_or(|corners| witness.point.height_against_plane(line.a, line.b, corners) != Sign::Negative);
         if near {
             posts.push(middle);
+        }
+    }
+    Ok(posts)
+}
+
+/// Of the stable set of a line that holds where nothing is wrong, the posts that are found from the roots down through
+/// posts of the set alone. None of [`Rule::Blocked`] and [`Rule::Obstruction`].
+pub(super) fn part_of_clear_set<T: Terrain>(
+    ground: &Ground<'_, T>,
+    line: &RequiredLine,
+    rule: &Rule,
+) -> Result<Vec<Post>, ReadError> {
+    let grid = (ground.grid().nx(), ground.grid().ny());
+    let exceeds = |triangle: &Triangle| -> Result<bool, ReadError> {
+        let corners = ground.in_space(triangle)?;
+        let tight = thickness(ground, triangle)?;
+        Ok(match rule {
+            Rule::Blocked | Rule::Obstruction(_) => false,
+            Rule::Clear => moved(corners, tight.into()).is_none_or(|top| passes_below(line.a, line.b, top, grid)),
+            Rule::Wedgie => rule.breaks(triangle, corners, || Ok(tight), line, grid)?,
+            Rule::Profile | Rule::Ground => {
+                let flat = corners.map(|[x, y, _]| [x, y, 1.0]);
+                let low = |[x, y, _]: [f64; 3]| [x, y, 0.0];
+                passes_below(low(line.a), low(line.b), flat, grid)
+                    && rule.breaks(triangle, corners, || Ok(tight), line, grid)?
+            }
+        })
+    };
+    let mut posts = Vec::new();
+    let mut open = Vec::from(ground.grid().root().roots());
+    while let Some(triangle) = open.pop() {
+        let Some(middle) = triangle.base_midpoint() else { continue };
+        if exceeds(&triangle)? {
+            posts.push(middle);
+            open.extend(triangle.children(middle));
         }
     }
     Ok(posts)

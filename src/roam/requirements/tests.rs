@@ -254,6 +254,58 @@ fn the_longest_run_whose_stable_sets_fit_is_never_named() {
     assert!(in_runs > 1000, "{in_runs}");
 }
 
+/// Lines of which each end has gone somewhere near, with their verdicts there.
+fn moved_a_little(terrain: &MemoryTerrain, lines: &[RequiredLine], seed: u64) -> Vec<RequiredLine> {
+    let step = |end: [f64; 3], n: u64| {
+        let [x, y] = [0, 1].map(|k| (end[k] + 3.0 * (unit(seed, 2 * n + k as u64) - 0.5)).clamp(0.0, 32.0));
+        [x, y, los::on_ground(terrain, x, y, 4.0).unwrap().unwrap_or(end[2])]
+    };
+    let moved = |(n, line): (u64, &RequiredLine)| {
+        let (a, b) = (step(line.a, 2 * n), step(line.b, 2 * n + 1));
+        let verdict = los::line_of_sight(terrain, a, b, los::Options::default()).unwrap().verdict.on_mesh();
+        RequiredLine { a, b, verdict, ..*line }
+    };
+    (0..).zip(lines).map(moved).collect()
+}
+
+#[test]
+fn moving_lines_keep_what_they_own_and_what_must_fit_is_never_named() {
+    let (mut in_runs, mut named) = (0, 0);
+    for seed in 30..33 {
+        let terrain = terrain(41, 33, seed);
+        let root = terrain.grid().root();
+        let mut lines = lines(&terrain, seed, 40);
+        lines.iter_mut().for_each(|line| line.fidelity = Fidelity::Verdict);
+        lines.sort_by_key(|line| (line.priority, line.id));
+        let camera = camera(&terrain, seed);
+        let mut meshes: Vec<_> =
+            (0..3).map(|k| (60 << (2 * k), ViewMesh::new(Arc::clone(&terrain), SCALE).unwrap())).collect();
+        for step in 0..5 {
+            lines = moved_a_little(&terrain, &lines, 100 * seed + step);
+            let sets: Vec<_> = lines.iter().map(|line| naive_stable(&terrain, line)).collect();
+            for (n, mesh) in &mut meshes {
+                let report = mesh.update(&camera, Target::TriangleBudget(*n), &lines).unwrap();
+                for line in &lines {
+                    assert_eq!(!report.unsatisfied.contains(&line.id), holds(mesh, &terrain, line), "{line:?}, n {n}");
+                }
+                named += report.unsatisfied.len();
+                let mut joint = Vec::new();
+                for (line, set) in lines.iter().zip(&sets) {
+                    joint.extend_from_slice(set);
+                    if triangle_count(root, &closure(root, joint.iter().copied())) > u64::from(*n) {
+                        break;
+                    }
+                    assert!(!report.unsatisfied.contains(&line.id), "seed {seed}, step {step}, n {n}, {line:?}");
+                    in_runs += 1;
+                }
+                let idle = mesh.update(&camera, Target::TriangleBudget(*n), &lines).unwrap();
+                assert!(idle.added.is_empty() && idle.removed.is_empty() && idle.unsatisfied == report.unsatisfied);
+            }
+        }
+    }
+    assert!(in_runs > 100 && named > 50, "{in_runs} in runs, {named} named");
+}
+
 /// Any set of posts as a mesh over a terrain.
 struct SetMesh<'a>(&'a Ground<'a, MemoryTerrain>, std::collections::BTreeSet<Post>);
 

@@ -35,6 +35,19 @@ pub(super) fn witnesses<T: Terrain>(ground: &Ground<'_, T>, line: &RequiredLine)
     Ok(point.filter_map(|point| Some(Witness { point, face: face_of(ground, line, point)? })).collect())
 }
 
+/// The same, looked up in `known` if they were found before, and kept there.
+pub(super) fn find<T: Terrain>(
+    ground: &Ground<'_, T>,
+    line: &RequiredLine,
+    known: &mut Option<Vec<Witness>>,
+) -> Result<Vec<Witness>, ReadError> {
+    let found = match known.take() {
+        Some(found) => found,
+        None => witnesses(ground, line)?,
+    };
+    Ok(known.insert(found).clone())
+}
+
 /// A finest triangle that holds `point`, found from the roots down.
 fn face_of<T: Terrain>(ground: &Ground<'_, T>, line: &RequiredLine, point: LinePoint) -> Option<Triangle> {
     let holds = |t: &Triangle| match point {
