@@ -1,6 +1,7 @@
 //! The server as clients meet it: really started, on a loopback port.
 
 mod access;
+mod epochs;
 mod faults;
 mod lines;
 mod port;
