@@ -76,11 +76,44 @@ fn independent_clients_agree_with_the_terrain_and_plain_meshes_do_not() {
 
 #[test]
 fn other_fidelities_have_no_findings_either() {
-    for fidelity in ["wedgie", "profile"] {
+    for fidelity in ["wedgie", "profile", "obstruction:100"] {
         let (status, found) =
             consistency(&["--sight-lines", "8", "--frames", "4", "--fidelity", fidelity, "--seed", "5"]);
         assert_eq!((status, &found["findings"]), (0, &Value::from(0)), "{fidelity}: {found:#}");
     }
+}
+
+#[test]
+fn servers_agree_while_budgets_change_views_jump_and_lines_come_and_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.png");
+    let (lines, frames) = (24, 20);
+    let (status, found) = consistency(&[
+        "--servers",
+        "2",
+        "--changes",
+        "budgets,jumps,lines",
+        "--sight-lines",
+        &lines.to_string(),
+        "--frames",
+        &frames.to_string(),
+        "--seed",
+        "4",
+        "--map",
+        map.to_str().unwrap(),
+    ]);
+    assert_eq!((status, &found["findings"]), (0, &Value::from(0)), "{found:#}");
+    let (all, between) = (&found["all"], &found["between_servers"]);
+    let count = |value: &Value, name: &str| value[name].as_u64().unwrap();
+    // A quarter of the lines is there half of the time.
+    let asked = count(all, "comparisons") + count(all, "unknown");
+    assert!(asked < lines * count(all, "frames") && asked >= lines * 3 / 4 * count(all, "frames"), "{all:#}");
+    assert!(count(between, "comparisons") > 100 && count(between, "disagreements") == 0, "{between:#}");
+    // Budgets of 2,000 and 300 have been doubled, halved and quartered; no frame was above its own.
+    assert_eq!(count(all, "over_budget"), 0);
+    let most = |n: usize| count(&found["clients"][n]["found"], "most_triangles");
+    assert!(most(0) > 300 || most(1) > 2_000, "{found:#}");
+    assert!(std::fs::read(&map).unwrap().starts_with(b"\x89PNG"));
 }
 
 #[test]

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use sightline::evaluate::{
-    consistency::{ClientTally, Comparison},
+    consistency::{ClientTally, Comparison, Source},
     record::{FrameRecord, Kind},
     sabotage::{Sabotage, Saboteur},
     scenario::Truth,
@@ -41,6 +41,7 @@ fn lines(epoch: u64) -> BTreeMap<u64, StatedLine> {
         ends: Some([[1.0, 4.0, z], [7.0, 4.0, z]]),
         verdict,
         fidelity: v1::Fidelity::Verdict,
+        obstruction: None,
     };
     let third = if epoch < 2 { line(4.0, v1::Verdict::Blocked) } else { line(40.0, v1::Verdict::Visible) };
     BTreeMap::from([(1, line(10.0, v1::Verdict::Visible)), (2, line(5.0, v1::Verdict::Blocked)), (3, third)])
@@ -98,6 +99,7 @@ fn compare(sabotage: Option<Sabotage>) -> (ClientTally, Vec<u64>) {
     let mut client = SceneState::new(&opened(), BUDGET, true).unwrap();
     let mut saboteur = sabotage.map(|kind| Saboteur::new(kind, client.clone()));
     let mut comparison = Comparison::new([("victim".into(), BUDGET)], 3);
+    let victim = Source { client: 0, server: 0, budget: BUDGET };
     let mut betrayed = Vec::new();
     for received in honest_stream() {
         let messages = match &mut saboteur {
@@ -111,7 +113,7 @@ fn compare(sabotage: Option<Sabotage>) -> (ClientTally, Vec<u64>) {
         for message in messages {
             if client.apply(&message).unwrap() == Event::Frame {
                 let record = FrameRecord::of(Kind::Lines, &client, &client, 3);
-                comparison.frame(0, &record, &truth(client.last_frame().epoch));
+                comparison.frame(victim, &record, &truth(client.last_frame().epoch));
             }
         }
     }

@@ -13,8 +13,10 @@ use std::{
 use super::{
     Context, Failure,
     consistency::{
+        map,
+        plan::{Changes, ClientPlan, Plan},
         report,
-        run::{self, ClientPlan, Outcome, Plan},
+        run::{self, Outcome},
         server::LocalServer,
         show::Show,
         up_to, verdict,
@@ -74,11 +76,11 @@ impl Args {
         remark(format!("serving at {}", server.address()));
         let plan = plan(&self.output, self.frames);
         let mut show = Show::new(context, &plan);
-        let outcome = run::run(&runtime, &database, &server.address(), &plan, &mut |h| show.tell(&h));
+        let outcome = run::run(&runtime, &database, &[server.address()], &plan, &mut |h| show.tell(&h));
         show.finish();
         let outcome = outcome?;
         let map = self.output.join("sight-lines.png");
-        let picture = report::map(&plan, &outcome, &database)?;
+        let picture = map::map(&plan, &outcome, &database)?;
         write(&map, &picture.png().map_err(|e| Failure::environment(map.display(), e))?)?;
         self.tell(context, &plan, &outcome, &database, &server.address(), started.elapsed().as_secs_f64());
         if !self.exit {
@@ -167,6 +169,8 @@ fn plan(folder: &Path, frames: usize) -> Plan {
         seed: 1,
         fidelity: Fidelity::Verdict,
         viewport_px: [1280, 720],
+        changes: Changes::default(),
+        wants_meshes: true,
         sabotage: None,
         pictures: Some(folder.into()),
         keep_exercise: true,

@@ -25,7 +25,7 @@ use super::{
     pictures,
 };
 use crate::evaluate::{
-    flight::{Plan, Preset, Viewpoint},
+    flight::{Plan, Preset, Viewpoint, jumping},
     record::{FrameRecord, Kind, Record},
     recording::{self, Recorder},
     sabotage::{Sabotage, Saboteur},
@@ -93,6 +93,12 @@ pub(super) struct Order {
     pub(super) lines: usize,
     /// Whether to keep a plain view beside, for contrast.
     pub(super) plain: bool,
+    /// Other budgets: the pose from which each counts, ascending.
+    pub(super) budgets: Vec<(u64, u32)>,
+    /// Poses between two jumps of the view.
+    pub(super) jump_every: Option<usize>,
+    /// Whether to tell the last meshes of both views.
+    pub(super) tell_meshes: bool,
     pub(super) sabotage: Option<Sabotage>,
     pub(super) pictures: Option<PictureOrder>,
     /// The file for a recorded session.
@@ -140,6 +146,9 @@ pub(super) async fn fly(order: &Order, tell: &mut dyn FnMut(Record) -> Result<()
     let viewpoints = viewpoints(&client, &terrain, order).await?;
     let mut generator = Generator::open(&client, order, &viewpoints[0]).await?;
     for (k, viewpoint) in (0_u64..).zip(&viewpoints) {
+        if let Some(&(_, triangles)) = order.budgets.iter().find(|(from, _)| *from == k) {
+            generator.change_budget(order, triangles).await?;
+        }
         generator.fly_to(k, viewpoint, tell).await?;
         generator.slide(k as f64 / order.rate_hz);
         generator.time_drawing(order, viewpoint);
@@ -175,6 +184,9 @@ async fn viewpoints(
     let ground = ground_m(client, &points).await?;
     let mut viewpoints = plan.fly(&ground).map_err(usage)?;
     viewpoints.truncate(order.poses.unwrap_or(usize::MAX));
+    if let (Some(stay), FlightOrder::Preset { seed, .. }) = (order.jump_every, &order.flight) {
+        viewpoints = jumping(&viewpoints, stay, *seed);
+    }
     if viewpoints.is_empty() { Err(Failure::Usage("a flight needs at least one frame".into())) } else { Ok(viewpoints) }
 }
 
@@ -282,6 +294,17 @@ impl Generator {
             lines: order.lines,
             flown,
         })
+    }
+
+    /// Allows another number of triangles from the next pose on.
+    async fn change_budget(&mut self, order: &Order, triangles: u32) -> Result<(), Failure> {
+        let order = Order { triangles, ..order.clone() };
+        for (view, plain) in [(Some(&mut self.view), false), (self.plain.as_mut(), true)] {
+            if let Some(view) = view {
+                view.change_settings(settings(&order, plain)).await.map_err(failure)?;
+            }
+        }
+        Ok(())
     }
 
     /// Steers to pose `k` and takes all that comes until its frame.
@@ -415,6 +438,12 @@ impl Generator {
             let recording = recorder.finish();
             self.flown.recording_cut = Some(recording.cut);
             write(path, &recording::seal(&recording).map_err(|e| Failure::environment(path.display(), e))?)?;
+        }
+        let plain = self.plain.as_ref().map(|plain| (Kind::Plain, plain));
+        for (kind, view) in [(Kind::Lines, &self.view)].into_iter().chain(plain).filter(|_| order.tell_meshes) {
+            if let Some(mesh) = Record::of_mesh(kind, view.scene()) {
+                tell(mesh)?;
+            }
         }
         let scene = self.view.scene();
         self.flown.last_epoch = scene.epoch();

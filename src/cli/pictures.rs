@@ -66,6 +66,7 @@ impl Scene<'_> {
                 format!("epoch {}, frame {}, hash {:016x}", frame.epoch, frame.sequence, replica.hash()),
                 format!("{lines} sight lines, {named} named unsatisfied"),
             ],
+            ..Style::default()
         }
     }
 

@@ -2,15 +2,17 @@
 //!
 //! For each delivered frame and each line that is VISIBLE or BLOCKED on the terrain at the frame's epoch, the verdict
 //! on the client's replica either equals the exact one, or the frame names the line, or it is a *silent disagreement*,
-//! of which there must be none. A line named although it holds is counted too where the fidelity is VERDICT, and so is
+//! of which there must be none. So is a line whose verdict is right but not what it asks beside it, where a client can
+//! tell ([`sightline_client::judge`]). A line named although it holds is counted too, as far as that can be told, and so is
 //! everything else that must not be: a hash that differs, sight lines that are not those of the epoch, a mesh above its
 //! budget, a naive reference that contradicts the exact verdict.
 
 use serde::Serialize;
-use sightline_proto::{v1, verdict::MeshVerdict};
+use sightline_proto::v1;
 
 use super::{
-    record::{FrameRecord, Kind},
+    agreement::Agreement,
+    record::{FrameRecord, Kind, on_mesh},
     scenario::Truth,
 };
 
@@ -32,11 +34,12 @@ pub struct ClientTally {
     pub silent_disagreements: u64,
     /// Times that a line was named as unsatisfied.
     pub named: u64,
-    /// Times that a line was named although it holds (not counted for fidelity WEDGIE, which a client cannot judge):
-    /// must be 0.
+    /// Times that a line was named although it holds, as far as a client can tell, or is not registered: must be 0.
     pub named_though_right: u64,
     /// Times that a line of fidelity PROFILE met a triangle above the finest level without being named: must be 0.
     pub silently_coarse: u64,
+    /// Times that a line of fidelity OBSTRUCTION was blocked too far from the true place without being named: must be 0.
+    pub silently_far: u64,
     /// Times that a line was UNKNOWN on the terrain: not compared.
     pub unknown: u64,
     /// Frames whose hash was not that of the mesh: must be 0.
@@ -68,6 +71,7 @@ impl ClientTally {
         self.named += other.named;
         self.named_though_right += other.named_though_right;
         self.silently_coarse += other.silently_coarse;
+        self.silently_far += other.silently_far;
         self.unknown += other.unknown;
         self.hash_mismatches += other.hash_mismatches;
         self.refused += other.refused;
@@ -85,6 +89,7 @@ impl ClientTally {
         self.silent_disagreements
             + self.named_though_right
             + self.silently_coarse
+            + self.silently_far
             + self.hash_mismatches
             + self.refused
             + self.exercise_mismatches
@@ -115,6 +120,17 @@ pub struct Example {
     pub named: bool,
 }
 
+/// Where a frame comes from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Source {
+    /// The client's index.
+    pub client: usize,
+    /// The index of its server.
+    pub server: usize,
+    /// Triangles that the client allowed for this frame.
+    pub budget: u32,
+}
+
 /// The running comparison of all clients.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct Comparison {
@@ -124,20 +140,27 @@ pub struct Comparison {
     pub examples: Vec<Example>,
     /// For each line, how often a plain mesh got it wrong.
     pub plain_wrong_by_line: Vec<u64>,
+    /// What clients of different servers say of the same lines at the same epochs.
+    pub between_servers: Agreement,
 }
 
 impl Comparison {
     /// A comparison of clients, by name and budget, over so many lines.
     pub fn new(clients: impl IntoIterator<Item = (String, u32)>, lines: usize) -> Self {
         let clients = clients.into_iter().map(|(name, budget)| ClientTally { name, budget, ..Default::default() });
-        Self { clients: clients.collect(), examples: Vec::new(), plain_wrong_by_line: vec![0; lines] }
+        Self { clients: clients.collect(), plain_wrong_by_line: vec![0; lines], ..Self::default() }
     }
 
-    /// Counts a frame of a client against the truth at the frame's epoch.
-    pub fn frame(&mut self, client: usize, frame: &FrameRecord, truth: &Truth) {
+    /// Counts a frame of a client against the truth at the frame's epoch, and against its budget at the time.
+    pub fn frame(&mut self, from: Source, frame: &FrameRecord, truth: &Truth) {
+        let tally = &mut self.clients[from.client];
+        tally.over_budget += u64::from(frame.triangles > from.budget);
         match frame.kind {
-            Kind::Lines => self.honouring_frame(client, frame, truth),
-            Kind::Plain => self.plain_frame(client, frame, truth),
+            Kind::Lines => {
+                self.honouring_frame(from.client, frame, truth);
+                self.between_servers.frame(from.server, frame, truth);
+            }
+            Kind::Plain => self.plain_frame(from.client, frame, truth),
         }
     }
 
@@ -146,27 +169,27 @@ impl Comparison {
         tally.frames += 1;
         tally.named += frame.named.len() as u64;
         tally.exercise_mismatches += u64::from(frame.digest != truth.digest);
-        tally.over_budget += u64::from(frame.triangles > tally.budget);
         tally.most_triangles = tally.most_triangles.max(frame.triangles);
+        tally.named_though_right += frame.named.iter().filter(|&id| !truth.lines.contains_key(id)).count() as u64;
         for (&id, line) in &truth.lines {
-            let Some(exact) = comparable(line.verdict) else {
+            let Some(exact) = on_mesh(line.verdict) else {
                 tally.unknown += 1;
                 // An UNKNOWN line holds trivially and is never named.
                 tally.named_though_right += u64::from(frame.named.contains(&id));
                 continue;
             };
-            let found = verdict_of(frame, id);
+            let found = frame.verdict(id);
             let named = frame.named.contains(&id);
             tally.comparisons += 1;
             let silent = found != Some(exact) && !named;
-            let coarse = frame.coarse.contains(&id);
-            tally.silently_coarse += u64::from(coarse && !named);
-            let holds = match line.fidelity {
-                v1::Fidelity::Profile => !coarse,
-                // A client cannot judge these.
-                v1::Fidelity::Wedgie | v1::Fidelity::Obstruction => false,
-                v1::Fidelity::Verdict | v1::Fidelity::Unspecified => found == Some(exact),
-            };
+            let short = frame.short.contains(&id);
+            if short && !named {
+                match line.fidelity {
+                    v1::Fidelity::Profile => tally.silently_coarse += 1,
+                    _ => tally.silently_far += 1,
+                }
+            }
+            let holds = found == Some(exact) && !short && !frame.untold.contains(&id);
             let false_name = holds && named;
             tally.silent_disagreements += u64::from(silent);
             tally.named_though_right += u64::from(false_name);
@@ -189,9 +212,8 @@ impl Comparison {
     fn plain_frame(&mut self, client: usize, frame: &FrameRecord, truth: &Truth) {
         let tally = &mut self.clients[client];
         tally.plain_frames += 1;
-        tally.over_budget += u64::from(frame.triangles > tally.budget);
         for (&id, line) in &truth.lines {
-            if let (Some(exact), Some(found)) = (comparable(line.verdict), verdict_of(frame, id)) {
+            if let (Some(exact), Some(found)) = (on_mesh(line.verdict), frame.verdict(id)) {
                 tally.plain_comparisons += 1;
                 if exact != found {
                     tally.plain_disagreements += 1;
@@ -213,18 +235,6 @@ impl Comparison {
     }
 }
 
-fn verdict_of(frame: &FrameRecord, id: u64) -> Option<MeshVerdict> {
-    frame.verdicts.get(usize::try_from(id).ok()?.checked_sub(1)?).copied().flatten()
-}
-
-fn comparable(verdict: v1::Verdict) -> Option<MeshVerdict> {
-    match verdict {
-        v1::Verdict::Visible => Some(MeshVerdict::Visible),
-        v1::Verdict::Blocked => Some(MeshVerdict::Blocked),
-        v1::Verdict::Unknown | v1::Verdict::Unspecified => None,
-    }
-}
-
 /// A share in per cent, 0 of nothing.
 pub fn percent(part: u64, whole: u64) -> f64 {
     if whole == 0 { 0.0 } else { 100.0 * part as f64 / whole as f64 }
@@ -234,10 +244,11 @@ pub fn percent(part: u64, whole: u64) -> f64 {
 mod tests {
     use super::*;
     use sightline_client::scene::StatedLine;
+    use sightline_proto::verdict::MeshVerdict;
     use std::collections::BTreeMap;
 
     fn truth(verdicts: &[v1::Verdict], fidelity: v1::Fidelity) -> Truth {
-        let line = |&verdict| StatedLine { ends: Some([[0.0; 3]; 2]), verdict, fidelity };
+        let line = |&verdict| StatedLine { ends: Some([[0.0; 3]; 2]), verdict, fidelity, obstruction: None };
         Truth { lines: (1..).zip(verdicts.iter().map(line)).collect::<BTreeMap<_, _>>(), digest: 77 }
     }
 
@@ -252,9 +263,12 @@ mod tests {
             digest: 77,
             verdicts: verdicts.to_vec(),
             named: named.to_vec(),
-            coarse: Vec::new(),
+            short: Vec::new(),
+            untold: Vec::new(),
         }
     }
+
+    const ONE: Source = Source { client: 0, server: 0, budget: 100 };
 
     const V: Option<MeshVerdict> = Some(MeshVerdict::Visible);
     const B: Option<MeshVerdict> = Some(MeshVerdict::Blocked);
@@ -265,7 +279,7 @@ mod tests {
         let truth = truth(&[Visible, Blocked, Unknown, Visible], v1::Fidelity::Verdict);
         let tally = |frame: FrameRecord| {
             let mut comparison = Comparison::new([("one".into(), 100)], 4);
-            comparison.frame(0, &frame, &truth);
+            comparison.frame(ONE, &frame, &truth);
             (comparison.total(), comparison.examples)
         };
         let (good, examples) = tally(frame(&[V, B, B, V], &[]));
@@ -282,6 +296,8 @@ mod tests {
         assert_eq!(missing.silent_disagreements, 2);
         let (stale, _) = tally(FrameRecord { digest: 78, ..frame(&[V, B, B, V], &[]) });
         assert_eq!((stale.findings(), stale.exercise_mismatches), (1, 1));
+        let (stranger, _) = tally(frame(&[V, B, B, V], &[5]));
+        assert_eq!((stranger.findings(), stranger.named_though_right), (1, 1));
         let (large, _) = tally(FrameRecord { triangles: 101, ..frame(&[V, B, B, V], &[]) });
         assert_eq!((large.findings(), large.over_budget), (1, 1));
     }
@@ -291,7 +307,7 @@ mod tests {
         use v1::Verdict::{Blocked, Visible};
         let mut comparison = Comparison::new([("one".into(), 100)], 2);
         let plain = FrameRecord { kind: Kind::Plain, ..frame(&[B, B], &[]) };
-        comparison.frame(0, &plain, &truth(&[Visible, Blocked], v1::Fidelity::Verdict));
+        comparison.frame(ONE, &plain, &truth(&[Visible, Blocked], v1::Fidelity::Verdict));
         let total = comparison.total();
         assert_eq!((total.findings(), total.comparisons), (0, 0));
         assert_eq!((total.plain_comparisons, total.plain_disagreements), (2, 1));
@@ -302,11 +318,15 @@ mod tests {
     fn a_line_that_asks_for_more_than_its_verdict_may_be_named_while_that_is_right() {
         let tally = |fidelity, frame: FrameRecord| {
             let mut comparison = Comparison::new([("one".into(), 100)], 1);
-            comparison.frame(0, &frame, &truth(&[v1::Verdict::Visible], fidelity));
+            comparison.frame(ONE, &frame, &truth(&[v1::Verdict::Visible], fidelity));
             comparison.total()
         };
-        assert_eq!(tally(v1::Fidelity::Wedgie, frame(&[V], &[1])).findings(), 0);
-        let coarse = FrameRecord { coarse: vec![1], ..frame(&[V], &[1]) };
+        let untold = FrameRecord { untold: vec![1], ..frame(&[V], &[1]) };
+        assert_eq!(tally(v1::Fidelity::Wedgie, untold).findings(), 0);
+        let coarse = FrameRecord { short: vec![1], ..frame(&[V], &[1]) };
+        let far = FrameRecord { named: Vec::new(), ..coarse.clone() };
+        assert_eq!(tally(v1::Fidelity::Obstruction, far).silently_far, 1);
+        assert_eq!(tally(v1::Fidelity::Obstruction, frame(&[V], &[1])).named_though_right, 1);
         assert_eq!(tally(v1::Fidelity::Profile, coarse.clone()).findings(), 0);
         let silent = FrameRecord { named: Vec::new(), ..coarse };
         assert_eq!(tally(v1::Fidelity::Profile, silent).silently_coarse, 1);

@@ -305,6 +305,16 @@ pub fn viewpoint(eye: DVec3, look: DVec3) -> Result<Viewpoint, FlightError> {
     Ok(Viewpoint { eye, rotation: quaternion([right, up, -forward]) })
 }
 
+/// A flight in which the view jumps: pieces of `stay` viewpoints, in an order that follows from a seed.
+pub fn jumping(viewpoints: &[Viewpoint], stay: usize, seed: u64) -> Vec<Viewpoint> {
+    let mut pieces: Vec<_> = viewpoints.chunks(stay.max(1)).collect();
+    let mut dice = Dice::new(seed);
+    for n in (1..pieces.len()).rev() {
+        pieces.swap(n, dice.below(n + 1));
+    }
+    pieces.concat()
+}
+
 /// `v` scaled to length 1; `None` where it has no direction. Vertical to within 1e-9 counts as vertical: nearer than
 /// that the picture's up would be noise.
 fn unit(v: DVec3) -> Option<DVec3> {

@@ -1,5 +1,6 @@
 //! Flights, metrics and the consistency comparison.
 
+pub mod agreement;
 pub mod consistency;
 pub mod dice;
 pub mod flight;

@@ -28,7 +28,11 @@ pub trait Oracle {
     /// The exact verdict: VISIBLE, UNKNOWN or BLOCKED.
     fn verdict(&mut self, ends: Ends) -> Result<v1::Verdict, OracleError>;
 
-    /// The same by the naive rational reference.
+    /// Where a blocked line is first obstructed, seen from A, as a part of AB; `None` where it passes an unknown point
+    /// before.
+    fn first_obstruction(&mut self, ends: Ends) -> Result<Option<f64>, OracleError>;
+
+    /// The same verdict by the naive rational reference.
     fn naive_verdict(&mut self, ends: Ends) -> Result<v1::Verdict, OracleError>;
 }
 
@@ -47,6 +51,10 @@ impl<H: HeightField + ?Sized> Oracle for FieldOracle<'_, H> {
 
     fn verdict(&mut self, [a, b]: Ends) -> Result<v1::Verdict, OracleError> {
         Ok(wire_verdict(los::line_of_sight(self.0, a, b, Options::default())?.verdict))
+    }
+
+    fn first_obstruction(&mut self, [a, b]: Ends) -> Result<Option<f64>, OracleError> {
+        Ok(los::known_obstruction(self.0, a, b)?.map(|first| first.place.t))
     }
 
     fn naive_verdict(&mut self, [a, b]: Ends) -> Result<v1::Verdict, OracleError> {

@@ -1,8 +1,9 @@
 //! What a scene generator says of the frames it got: one line of text a frame, for a pipe between processes.
 //!
 //! ```text
-//! frame lines 12 5 6 2999 41d2... 9f03... VVB.B 3,7 -     kind sequence pose epoch triangles hash digest verdicts names
-//!                                                         coarse
+//! frame lines 12 5 6 2999 41d2... 9f03... VVB.B 3,7 - 9   kind sequence pose epoch triangles hash digest verdicts names
+//!                                                         short untold
+//! mesh plain 3,4,120 8,4,-7                               the posts of a view's last mesh: i, j, height
 //! refused 13 hash the frame announces ...                 a frame that could not be applied
 //! tampered 3,9 ...                                        a sabotaged frame, and the lines that it should betray
 //! done 300 81234                                          poses flown and bytes received
@@ -10,17 +11,25 @@
 //!
 //! Verdict k is of line k + 1: `V`isible or `B`locked on the client's own mesh, `.` where it has no ends for the line.
 
-use std::{fmt, ops::ControlFlow};
+use std::fmt;
 
-use sightline_client::scene::{SceneState, digest_of_lines};
+use sightline_client::{
+    judge::{Judgement, judge},
+    scene::{SceneState, digest_of_lines},
+};
 use sightline_proto::{
-    EYE_LINE_ID, v1,
-    verdict::{MeshVerdict, for_each_triangle_met, verdict_on_mesh},
+    EYE_LINE_ID,
+    diamond::Post,
+    mesh::Mesh,
+    v1,
+    verdict::{MeshVerdict, verdict_on_mesh},
 };
 use thiserror::Error;
 
 /// Longest line of text that a reader accepts, in bytes.
 pub const MAX_RECORD_BYTES: usize = 4 << 20;
+/// Most posts of a mesh that is told: each takes at most 35 bytes.
+pub const MAX_MESH_POSTS: usize = MAX_RECORD_BYTES / 35 - 1;
 
 /// Which of a client's two views a frame belongs to.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -52,8 +61,10 @@ pub struct FrameRecord {
     pub verdicts: Vec<Option<MeshVerdict>>,
     /// Lines of the exercise that the frame names as unsatisfied; the viewer's own eye is not among them.
     pub named: Vec<u64>,
-    /// Lines of fidelity PROFILE, not UNKNOWN, that meet a triangle above the finest level.
-    pub coarse: Vec<u64>,
+    /// Lines whose verdict is right, but not what they ask beside it, as far as the client can tell.
+    pub short: Vec<u64>,
+    /// Lines whose verdict is right and of which the client cannot tell the rest.
+    pub untold: Vec<u64>,
 }
 
 /// What a scene generator says.
@@ -61,6 +72,13 @@ pub struct FrameRecord {
 pub enum Record {
     /// A frame applied.
     Frame(FrameRecord),
+    /// The last mesh of a view.
+    Mesh {
+        /// Which view.
+        kind: Kind,
+        /// Its active posts but for the corners, with their heights.
+        posts: Vec<(Post, i32)>,
+    },
     /// A frame that could not be applied.
     Refused {
         /// The frame's number.
@@ -96,14 +114,16 @@ impl FrameRecord {
     /// plain view those of the view beside it).
     pub fn of(kind: Kind, meshed: &SceneState, told: &SceneState, lines: usize) -> Self {
         let mut verdicts = vec![None; lines];
-        let mut coarse = Vec::new();
+        let (mut short, mut untold) = (Vec::new(), Vec::new());
         for (&id, line) in told.lines() {
             let slot = usize::try_from(id).ok().and_then(|id| verdicts.get_mut(id.checked_sub(1)?));
             if let (Some(slot), Some([a, b])) = (slot, line.ends) {
-                *slot = Some(verdict_on_mesh(meshed.replica(), a, b));
-                let profile = line.fidelity == v1::Fidelity::Profile && line.verdict != v1::Verdict::Unknown;
-                if profile && meets_coarse_triangle(meshed, a, b) {
-                    coarse.push(id);
+                let found = verdict_on_mesh(meshed.replica(), a, b);
+                *slot = Some(found);
+                match judge(meshed.replica(), meshed.replica().scale_m(), line) {
+                    Judgement::Fails if on_mesh(line.verdict) == Some(found) => short.push(id),
+                    Judgement::Untold => untold.push(id),
+                    Judgement::Holds | Judgement::Fails => {}
                 }
             }
         }
@@ -117,17 +137,46 @@ impl FrameRecord {
             digest: digest_of_lines(told.lines().iter().map(|(&id, line)| (id, line))),
             verdicts,
             named: meshed.unsatisfied().keys().copied().filter(|&id| id != EYE_LINE_ID).collect(),
-            coarse,
+            short,
+            untold,
         }
     }
 }
 
-fn meets_coarse_triangle(meshed: &SceneState, a: [f64; 3], b: [f64; 3]) -> bool {
-    let met = for_each_triangle_met(meshed.replica(), a, b, |triangle| match triangle.base_midpoint() {
-        Some(_) => ControlFlow::Break(()),
-        None => ControlFlow::Continue(()),
-    });
-    met.is_break()
+impl FrameRecord {
+    /// The verdict on a line.
+    pub fn verdict(&self, id: u64) -> Option<MeshVerdict> {
+        self.verdicts.get(usize::try_from(id).ok()?.checked_sub(1)?).copied().flatten()
+    }
+}
+
+impl Record {
+    /// The mesh that a view has; `None` of one with more than [`MAX_MESH_POSTS`].
+    pub fn of_mesh(kind: Kind, meshed: &SceneState) -> Option<Self> {
+        let root = meshed.replica().root();
+        let posts: Vec<_> = meshed.replica().posts().into_iter().filter(|&(p, _)| !root.is_corner(p)).collect();
+        (posts.len() <= MAX_MESH_POSTS).then_some(Self::Mesh { kind, posts })
+    }
+}
+
+/// What a mesh must say of a line with this verdict on the terrain; `None` of one that is not compared.
+pub(super) fn on_mesh(verdict: v1::Verdict) -> Option<MeshVerdict> {
+    match verdict {
+        v1::Verdict::Visible => Some(MeshVerdict::Visible),
+        v1::Verdict::Blocked => Some(MeshVerdict::Blocked),
+        v1::Verdict::Unknown | v1::Verdict::Unspecified => None,
+    }
+}
+
+fn kind_name(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Lines => "lines",
+        Kind::Plain => "plain",
+    }
+}
+
+fn parse_kind(text: &str) -> Option<Kind> {
+    [Kind::Lines, Kind::Plain].into_iter().find(|&kind| kind_name(kind) == text)
 }
 
 fn list(ids: &[u64]) -> String {
@@ -142,20 +191,26 @@ impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Frame(frame) => {
-                let kind = if frame.kind == Kind::Lines { "lines" } else { "plain" };
+                let kind = kind_name(frame.kind);
                 let verdict = |v: &Option<MeshVerdict>| match v {
                     Some(MeshVerdict::Visible) => 'V',
                     Some(MeshVerdict::Blocked) => 'B',
                     None => '.',
                 };
                 let verdicts: String = frame.verdicts.iter().map(verdict).collect();
-                let FrameRecord { sequence, pose_sequence, epoch, triangles, hash, digest, named, coarse, .. } = frame;
+                let FrameRecord {
+                    sequence, pose_sequence, epoch, triangles, hash, digest, named, short, untold, ..
+                } = frame;
                 let verdicts = if verdicts.is_empty() { "-" } else { &verdicts };
                 write!(
                     f,
                     "frame {kind} {sequence} {pose_sequence} {epoch} {triangles} {hash:x} {digest:x} {verdicts} "
                 )?;
-                write!(f, "{} {}", list(named), list(coarse))
+                write!(f, "{} {} {}", list(named), list(short), list(untold))
+            }
+            Self::Mesh { kind, posts } => {
+                write!(f, "mesh {}", kind_name(*kind))?;
+                posts.iter().try_for_each(|(p, height)| write!(f, " {},{},{height}", p.i, p.j))
             }
             Self::Refused { sequence, hash, detail } => {
                 let why = if *hash { "hash" } else { "other" };
@@ -179,6 +234,11 @@ fn parse(line: &str) -> Option<Record> {
     let (word, rest) = line.split_once(' ')?;
     match word {
         "frame" => parse_frame(rest).map(Record::Frame),
+        "mesh" => {
+            let mut parts = rest.split(' ');
+            let kind = parse_kind(parts.next()?)?;
+            Some(Record::Mesh { kind, posts: parts.map(parse_post).collect::<Option<_>>()? })
+        }
         "refused" => {
             let mut parts = rest.splitn(3, ' ');
             let sequence = parts.next()?.parse().ok()?;
@@ -203,14 +263,10 @@ fn parse(line: &str) -> Option<Record> {
 
 fn parse_frame(text: &str) -> Option<FrameRecord> {
     let parts: Vec<&str> = text.split(' ').collect();
-    let [kind, sequence, pose, epoch, triangles, hash, digest, verdicts, named, coarse] = parts[..] else {
+    let [kind, sequence, pose, epoch, triangles, hash, digest, verdicts, named, short, untold] = parts[..] else {
         return None;
     };
-    let kind = match kind {
-        "lines" => Kind::Lines,
-        "plain" => Kind::Plain,
-        _ => return None,
-    };
+    let kind = parse_kind(kind)?;
     let verdict = |c| match c {
         'V' => Some(Some(MeshVerdict::Visible)),
         'B' => Some(Some(MeshVerdict::Blocked)),
@@ -228,8 +284,15 @@ fn parse_frame(text: &str) -> Option<FrameRecord> {
         digest: u64::from_str_radix(digest, 16).ok()?,
         verdicts: verdicts.chars().map(verdict).collect::<Option<_>>()?,
         named: parse_list(named)?,
-        coarse: parse_list(coarse)?,
+        short: parse_list(short)?,
+        untold: parse_list(untold)?,
     })
+}
+
+fn parse_post(text: &str) -> Option<(Post, i32)> {
+    let mut parts = text.splitn(3, ',');
+    let (i, j) = (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?);
+    Some((Post::new(i, j), parts.next()?.parse().ok()?))
 }
 
 #[cfg(test)]
@@ -248,12 +311,15 @@ mod tests {
             digest: 3,
             verdicts: vec![Some(MeshVerdict::Visible), None, Some(MeshVerdict::Blocked)],
             named: vec![1, 300],
-            coarse: vec![300],
+            short: vec![300],
+            untold: vec![1, 2],
         };
         let empty = FrameRecord { kind: Kind::Lines, verdicts: Vec::new(), named: Vec::new(), ..frame.clone() };
         for record in [
             Record::Frame(frame),
             Record::Frame(empty),
+            Record::Mesh { kind: Kind::Lines, posts: vec![(Post::new(3, 4), -7), (Post::new(0, 1 << 20), i32::MIN)] },
+            Record::Mesh { kind: Kind::Plain, posts: Vec::new() },
             Record::Refused { sequence: 3, hash: true, detail: "the hash is another".into() },
             Record::Tampered { betrays: vec![4], detail: "post (1, 2) raised".into() },
             Record::Done { poses: 300, bytes: 1 << 40 },
@@ -264,7 +330,16 @@ mod tests {
 
     #[test]
     fn anything_else_is_refused() {
-        for text in ["", "frame", "frame lines 1 2 3", "frame lines 1 1 1 2 0 0 VX - -", "done 3", "hello world"] {
+        for text in [
+            "",
+            "frame",
+            "frame lines 1 2 3",
+            "frame lines 1 1 1 2 0 0 VX - - -",
+            "mesh x",
+            "mesh lines 1,2",
+            "done 3",
+            "hello world",
+        ] {
             assert!(text.parse::<Record>().is_err(), "{text}");
         }
     }

@@ -5,7 +5,7 @@
 //! 10 km long, and kept by quota: so many visible, so many that a plain mesh gets wrong. Which are which is asked of
 //! the finest terrain at three times of the run.
 
-use sightline_client::scene::{StatedLine, digest_of_lines};
+use sightline_client::scene::{StatedLine, StatedObstruction, digest_of_lines};
 use sightline_proto::{
     mesh::Mesh,
     v1,
@@ -29,6 +29,8 @@ const SHORTEST_M: f64 = 300.0;
 pub const ABOVE_GROUND_M: f64 = 2.0;
 /// Time that passes in the world from one tick to the next.
 const TICK_S: f64 = 0.2;
+/// Ticks that a line which comes and goes stays, and stays away.
+const STAY_TICKS: u64 = 8;
 /// Windows tried for the theatre.
 const WINDOWS: usize = 24;
 /// Share of lines that shall be visible.
@@ -80,6 +82,8 @@ pub struct Scenario {
     pub above: f64,
     /// What every line asks of meshes.
     pub fidelity: Fidelity,
+    /// Whether a quarter of the lines come and go.
+    pub comings: bool,
 }
 
 /// The exercise at one tick, as the finest terrain has it.
@@ -124,6 +128,11 @@ impl Scenario {
         Ok(Some(ends))
     }
 
+    /// Whether the line with this index is registered at a tick.
+    pub fn is_registered(&self, line: usize, tick: u64) -> bool {
+        !self.comings || line % 4 != 3 || ((tick + line as u64) / STAY_TICKS).is_multiple_of(2)
+    }
+
     /// Whether a line has the same ends at all ticks.
     pub fn is_fixed(&self, line: Line) -> bool {
         [line.a, line.b].iter().all(|&anchor| match anchor {
@@ -132,17 +141,33 @@ impl Scenario {
         })
     }
 
+    /// Where a line is obstructed, if it asks for that.
+    fn obstruction(
+        &self,
+        ends: Option<Ends>,
+        verdict: v1::Verdict,
+        oracle: &mut impl Oracle,
+    ) -> Result<Option<StatedObstruction>, OracleError> {
+        let (Fidelity::Obstruction { distance_m }, Some(ends), v1::Verdict::Blocked) = (self.fidelity, ends, verdict)
+        else {
+            return Ok(None);
+        };
+        Ok(oracle.first_obstruction(ends)?.map(|first| StatedObstruction { first, distance_m }))
+    }
+
     /// The exercise at a tick. `before`, the truth at any other tick, spares the work for lines that stand still.
     pub fn truth(&self, tick: u64, before: Option<&Truth>, oracle: &mut impl Oracle) -> Result<Truth, OracleError> {
         let mut lines = BTreeMap::new();
-        for (id, &line) in (1..).zip(&self.lines) {
+        let registered = (1..).zip(&self.lines).enumerate().filter(|&(n, _)| self.is_registered(n, tick));
+        for (_, (id, &line)) in registered {
             let known = before.filter(|_| self.is_fixed(line)).and_then(|truth| truth.lines.get(&id));
             let state = match known {
                 Some(&state) => state,
                 None => {
                     let ends = self.ends(line, tick, oracle)?;
                     let verdict = ends.map_or(Ok(v1::Verdict::Unknown), |ends| oracle.verdict(ends))?;
-                    StatedLine { ends, verdict, fidelity: fidelity_to_wire(self.fidelity).0 }
+                    let obstruction = self.obstruction(ends, verdict, oracle)?;
+                    StatedLine { ends, verdict, fidelity: fidelity_to_wire(self.fidelity).0, obstruction }
                 }
             };
             lines.insert(id, state);
@@ -161,6 +186,8 @@ pub struct Wish {
     pub ticks: u64,
     /// What every line asks of meshes.
     pub fidelity: Fidelity,
+    /// Whether a quarter of the lines come and go.
+    pub comings: bool,
     /// Everything follows from it.
     pub seed: u64,
 }
@@ -211,6 +238,7 @@ pub fn choose(
         lines: Vec::new(),
         above: ABOVE_GROUND_M / scale.up_m,
         fidelity: wish.fidelity,
+        comings: wish.comings,
     };
     let mut quotas = Quotas::new(wish.lines);
     for _ in 0..wish.lines * CANDIDATES_PER_LINE {

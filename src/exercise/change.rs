@@ -16,6 +16,7 @@ use super::{
 };
 use crate::{
     los::{self, LosError, Verdict},
+    roam::Fidelity,
     terrain::HeightField,
 };
 
@@ -241,10 +242,18 @@ impl Exercise {
                     .verdict
             }
         };
+        let failed = |error| ChangeError::Verdict { line: line.id, error };
+        let first_obstruction = match (line.fidelity, resolved, verdict) {
+            (Fidelity::Obstruction { .. }, Some([a, b]), Verdict::Blocked) => {
+                los::known_obstruction(field, a, b).map_err(failed)?.map(|first| first.place.t)
+            }
+            _ => None,
+        };
         let same = known
             .filter(|before| (before.line.fidelity, before.line.priority) == (line.fidelity, line.priority))
             .map(|before| before.since_epoch);
-        Ok(LineState { line: *line, resolved, active, verdict, since_epoch: same.unwrap_or(self.epoch) })
+        let since_epoch = same.unwrap_or(self.epoch);
+        Ok(LineState { line: *line, resolved, active, verdict, first_obstruction, since_epoch })
     }
 
     fn end(

@@ -116,6 +116,9 @@ pub struct LineState {
     pub active: bool,
     /// The exact verdict on the finest terrain. UNKNOWN where there are no ends, and of an inactive line.
     pub verdict: Verdict,
+    /// Of fidelity OBSTRUCTION and a blocked line that passes no unknown point before: where it is first obstructed, from
+    /// A, as a part of AB, rounded.
+    pub first_obstruction: Option<f64>,
     /// The epoch since which ends, verdict, fidelity, priority and activity are these.
     pub since_epoch: u64,
 }

@@ -45,7 +45,7 @@ mod walk;
 
 pub use derived::{
     Derived, GroundState, LineState, MAX_WITNESSES, Obstruction, Place, Stretch, Witness, derive, ground_stretches,
-    least_target_height, line_stretches, witnesses,
+    known_obstruction, least_target_height, line_stretches, witnesses,
 };
 pub use earth::{Curvature, Earth};
 pub use ground::{GroundPoint, ground, ground_batch};

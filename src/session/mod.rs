@@ -387,5 +387,6 @@ pub fn line_to_wire(state: &LineState) -> v1::SightLineState {
         unknown_reason: unknown_reason.into(),
         fidelity: fidelity.into(),
         obstruction_distance_m,
+        first_obstruction: state.first_obstruction,
     }
 }

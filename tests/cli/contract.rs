@@ -44,7 +44,7 @@ const VERBS: [(&str, &str, &str); 15] = [
     (
         "consistency",
         "<TARGET>...",
-        "--clients --sight-lines --frames --seed --budgets --fidelity --map --pictures -o --force",
+        "--servers --clients --sight-lines --frames --seed --budgets --fidelity --changes --map --pictures -o --force",
     ),
     ("demo", "", "--exit --listen -o"),
 ];

@@ -34,6 +34,7 @@
 
 mod access;
 pub mod buffers;
+pub mod judge;
 mod lines;
 pub mod morph;
 pub mod raster;

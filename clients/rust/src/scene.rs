@@ -14,6 +14,8 @@ use sightline_proto::{
 };
 use thiserror::Error;
 
+use crate::judge::{Judgement, judge};
+
 /// A sight line as the stream states it.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct StatedLine {
@@ -23,6 +25,17 @@ pub struct StatedLine {
     pub verdict: v1::Verdict,
     /// What the line asks of each mesh.
     pub fidelity: v1::Fidelity,
+    /// Of a blocked line of fidelity OBSTRUCTION that passes no unknown point before: where it is obstructed.
+    pub obstruction: Option<StatedObstruction>,
+}
+
+/// The first obstruction of a line on the finest terrain, seen from A.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct StatedObstruction {
+    /// Where, as a part of AB; rounded.
+    pub first: f64,
+    /// How far from it the first obstruction on a mesh may be, in metres along AB.
+    pub distance_m: f64,
 }
 
 /// Why a message cannot be right. The state is as before it.
@@ -65,8 +78,8 @@ pub enum SceneError {
         /// What is wrong with it.
         what: &'static str,
     },
-    /// A line whose state makes no sense: a verdict without ends, a coordinate that is not finite.
-    #[error("sight line {0} is stated without a verdict, or with ends that are not finite")]
+    /// A line whose state makes no sense: a verdict without ends, a number that is not finite.
+    #[error("sight line {0} is stated without a verdict, or with ends or an obstruction that are not finite")]
     Line(u64),
     /// More sight lines than a client keeps.
     #[error("more than {MAX_LINES} sight lines")]
@@ -259,6 +272,12 @@ impl SceneState {
             .filter_map(|(&id, line)| Some((id, verdict_on_mesh(&self.replica, line.ends?[0], line.ends?[1]))))
     }
 
+    /// What every line asks, as far as it can be told on this view's own mesh, by id ([`judge`]).
+    pub fn judgements(&self) -> impl Iterator<Item = (u64, Judgement)> {
+        let metres = self.replica.scale_m();
+        self.lines.iter().map(move |(&id, line)| (id, judge(&self.replica, metres, line)))
+    }
+
     /// The lines whose verdict on this mesh differs from the one stated, in silence: not named, not UNKNOWN.
     pub fn silent_disagreements(&self) -> Vec<u64> {
         let differs = |(id, found): &(u64, MeshVerdict)| {
@@ -286,6 +305,9 @@ fn stated(state: &v1::SightLineState) -> Result<(u64, StatedLine), SceneError> {
         v1::Verdict::Unknown => true,
         v1::Verdict::Unspecified => false,
     };
+    let obstruction =
+        state.first_obstruction.map(|first| StatedObstruction { first, distance_m: state.obstruction_distance_m });
+    let finite = finite && obstruction.is_none_or(|o| o.first.is_finite() && o.distance_m.is_finite());
     if !finite || !told {
         return Err(SceneError::Line(state.id));
     }
@@ -293,10 +315,10 @@ fn stated(state: &v1::SightLineState) -> Result<(u64, StatedLine), SceneError> {
         v1::Fidelity::Unspecified => v1::Fidelity::Verdict,
         given => given,
     };
-    Ok((state.id, StatedLine { ends, verdict, fidelity }))
+    Ok((state.id, StatedLine { ends, verdict, fidelity, obstruction }))
 }
 
-/// A digest of sight lines: ids, bits of the ends, verdicts, fidelities. Two sides with the same digest hold the same
+/// A digest of sight lines: ids, bits of the ends, verdicts, fidelities, obstructions. Two sides with the same digest hold the same
 /// lines. `lines` come in the order of their ids.
 pub fn digest_of_lines<'a>(lines: impl IntoIterator<Item = (u64, &'a StatedLine)>) -> u64 {
     let mut hash = 0_u64;
@@ -310,6 +332,10 @@ pub fn digest_of_lines<'a>(lines: impl IntoIterator<Item = (u64, &'a StatedLine)
         add(line.verdict as u64 | (line.fidelity as u64) << 8 | u64::from(line.ends.is_some()) << 16);
         for c in line.ends.iter().flatten().flatten() {
             add(c.to_bits());
+        }
+        if let Some(obstruction) = line.obstruction {
+            add(obstruction.first.to_bits());
+            add(obstruction.distance_m.to_bits());
         }
     }
     hash

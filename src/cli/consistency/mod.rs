@@ -1,6 +1,8 @@
 //! `sightline consistency`: do independent clients with different meshes agree with the terrain on every sight line?
 
 mod director;
+pub(super) mod map;
+pub(super) mod plan;
 pub(super) mod report;
 pub(super) mod run;
 pub(super) mod server;
@@ -17,13 +19,15 @@ use super::{
 use crate::{
     database::{Database, OpenOptions},
     evaluate::{
+        agreement::MAX_SERVERS,
         flight::{MAX_FRAMES, PRESETS},
         sabotage::Sabotage,
         scenario::MAX_LINES,
     },
     roam::Fidelity,
 };
-use run::{ClientPlan, Outcome, Plan};
+use plan::{Changes, ClientPlan, Plan};
+use run::Outcome;
 use server::LocalServer;
 
 /// Greatest number of clients of a test: each is a process.
@@ -36,13 +40,16 @@ const VIEWPORT_PX: [u32; 2] = [1280, 720];
 /// Compare what independent clients see on their own meshes with the exact terrain.
 ///
 /// Clients are processes that get nothing but the bytes of a server. Exit status 1 when any of them disagrees in
-/// silence with the finest terrain.
+/// silence with the finest terrain, or clients of different servers with each other.
 #[derive(clap::Args, Debug)]
 pub(super) struct Args {
-    /// A database: a server is started on it. With the address of a server (http://...) beside it, that server is
-    /// tested; the database must then hold the same terrain, for the exact verdicts.
-    #[arg(required = true, num_args = 1..=2, value_name = "TARGET")]
+    /// A database: servers are started on it. With addresses of servers (http://...) beside it, those are tested; the
+    /// database must then hold the same terrain, for the exact verdicts. Clients take the servers in turn.
+    #[arg(required = true, num_args = 1..=MAX_SERVERS + 1, value_name = "TARGET")]
     targets: Vec<String>,
+    /// Servers to start, where no address is given.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = up_to::<MAX_SERVERS>)]
+    servers: usize,
     /// Independent clients.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = up_to::<MAX_CLIENTS>)]
     clients: usize,
@@ -61,7 +68,12 @@ pub(super) struct Args {
     /// What every sight line asks of each mesh: verdict, obstruction:M (metres), wedgie or profile.
     #[arg(long, value_name = "F", default_value = "verdict", value_parser = fidelity)]
     fidelity: Fidelity,
-    /// Draw the sight lines, and where plain meshes are wrong, to this file.
+    /// What changes while entities move and views fly: budgets, jumps (of views), lines (come and go), or all; with
+    /// commas between.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_enum)]
+    changes: Vec<ChangeName>,
+    /// Draw a map of the last tick to this file: the sight lines, where plain meshes are wrong, and where triangles were
+    /// spent so that they are not.
     #[arg(long, value_name = "F.png")]
     map: Option<PathBuf>,
     /// Write everything found as one JSON document ('-' for standard output).
@@ -76,6 +88,14 @@ pub(super) struct Args {
     /// Falsify one thing in the last client, to see that the test notices.
     #[arg(long, value_enum, hide = true)]
     sabotage: Option<SabotageName>,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, PartialEq, Eq, Debug)]
+enum ChangeName {
+    Budgets,
+    Jumps,
+    Lines,
+    All,
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -122,7 +142,7 @@ fn budget_of([first, last]: [u32; 2], n: usize, clients: usize) -> u32 {
 
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
-        let (database, address) = self.split_targets()?;
+        let (path, addresses) = self.split_targets()?;
         for path in [&self.map, &self.output].into_iter().flatten().filter(|p| p.as_os_str() != "-") {
             refuse_existing(path, self.force)?;
         }
@@ -130,38 +150,38 @@ impl Args {
             std::fs::create_dir_all(directory)
                 .map_err(|e| Failure::environment(format!("making {}", directory.display()), e))?;
         }
-        let database =
-            Database::open(&database, OpenOptions::default()).map_err(|e| Failure::input(database.display(), e))?;
-        let database = Arc::new(database);
-        let runtime = runtime()?;
-        let server = match &address {
-            Some(_) => None,
-            None => {
-                let started = LocalServer::start(&runtime, Arc::clone(&database), None);
-                Some(started.map_err(|e| Failure::environment("starting a server on loopback", e))?)
-            }
+        // Each server opens the database for itself, as servers on several machines would.
+        let open = || {
+            let opened = Database::open(&path, OpenOptions::default());
+            opened.map(Arc::new).map_err(|e| Failure::input(path.display(), e))
         };
-        let address = server.as_ref().map_or_else(|| address.unwrap_or_default(), LocalServer::address);
+        let (database, runtime) = (open()?, runtime()?);
+        let mut servers = Vec::new();
+        for _ in 0..if addresses.is_empty() { self.servers } else { 0 } {
+            let started = LocalServer::start(&runtime, open()?, None);
+            servers.push(started.map_err(|e| Failure::environment("starting a server on loopback", e))?);
+        }
+        let addresses =
+            if addresses.is_empty() { servers.iter().map(LocalServer::address).collect() } else { addresses };
         let plan = self.plan();
         let mut show = show::Show::new(context, &plan);
-        let outcome = run::run(&runtime, &database, &address, &plan, &mut |happening| show.tell(&happening));
+        let outcome = run::run(&runtime, &database, &addresses, &plan, &mut |happening| show.tell(&happening));
         show.finish();
         let outcome = outcome?;
         self.tell(context, &plan, &outcome, &database)?;
-        server.map_or(Ok(()), |server| server.stop(&runtime))?;
+        servers.into_iter().try_for_each(|server| server.stop(&runtime))?;
         verdict(&outcome)
     }
 
-    /// The database and, if one is given, the server to be tested.
-    fn split_targets(&self) -> Result<(PathBuf, Option<String>), Failure> {
-        let (servers, databases): (Vec<_>, Vec<_>) = self.targets.iter().partition(|t| t.contains("://"));
+    /// The database and the servers to be tested, if any are given.
+    fn split_targets(&self) -> Result<(PathBuf, Vec<String>), Failure> {
+        let (servers, databases): (Vec<_>, Vec<_>) = self.targets.iter().cloned().partition(|t| t.contains("://"));
         match (&databases[..], &servers[..]) {
-            ([database], []) => Ok((PathBuf::from(database), None)),
-            ([database], [server]) => Ok((PathBuf::from(database), Some((*server).clone()))),
+            ([database], servers) if servers.len() <= MAX_SERVERS => Ok((PathBuf::from(database), servers.to_vec())),
             ([], _) => Err(Failure::Usage(
                 "the exact verdicts need the terrain: give its database beside the address of the server".into(),
             )),
-            _ => Err(Failure::Usage("give one database, and at most one address of a server".into())),
+            _ => Err(Failure::Usage(format!("give one database, and at most {MAX_SERVERS} addresses of servers"))),
         }
     }
 
@@ -180,6 +200,8 @@ impl Args {
             seed: self.seed,
             fidelity: self.fidelity,
             viewport_px: VIEWPORT_PX,
+            changes: self.changes(),
+            wants_meshes: self.map.is_some(),
             sabotage: self.sabotage.map(|kind| {
                 let kind = match kind {
                     SabotageName::Height => Sabotage::Height,
@@ -190,6 +212,15 @@ impl Args {
             }),
             pictures: self.pictures.clone(),
             keep_exercise: false,
+        }
+    }
+
+    fn changes(&self) -> Changes {
+        let changes = |name| self.changes.contains(&name) || self.changes.contains(&ChangeName::All);
+        Changes {
+            budgets: changes(ChangeName::Budgets),
+            jumps: changes(ChangeName::Jumps),
+            lines: changes(ChangeName::Lines),
         }
     }
 
@@ -206,7 +237,7 @@ impl Args {
             write(path, format!("{document:#}\n").as_bytes())?;
         }
         if let Some(path) = &self.map {
-            let picture = report::map(plan, outcome, database)?;
+            let picture = map::map(plan, outcome, database)?;
             write(path, &picture.png().map_err(|e| Failure::environment(path.display(), e))?)?;
         }
         Ok(())

@@ -3,11 +3,11 @@
 //! The server is only one side of the comparison. The truth is computed here, from the database and from the world that
 //! this process itself directs; the other side are records of processes that have nothing but the bytes received.
 
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc, time::Instant};
+use std::{collections::BTreeMap, sync::Arc, time::Instant};
 
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 use serde::Serialize;
-use sightline_proto::v1;
+use sightline_proto::{diamond::Post, v1};
 use tokio::sync::mpsc;
 
 use super::{
@@ -16,19 +16,19 @@ use super::{
         generator::{FlightOrder, NEAR_M, Order, PictureOrder, Wishes},
     },
     director::{Director, tick_of},
+    plan::Plan,
     worker::{self, Word},
 };
 use crate::{
     database::Database,
     evaluate::{
-        consistency::Comparison,
-        flight::{Plan as FlightPlan, Preset},
+        consistency::{Comparison, Source},
+        flight::Plan as FlightPlan,
         oracle::{FieldOracle, Oracle, OracleError},
         record::{Kind, Record},
-        sabotage::Sabotage,
         scenario::{self, Scenario, Truth, Wish},
     },
-    roam::{Fidelity, Target, ViewMesh},
+    roam::{Target, ViewMesh},
     terrain::synthetic::mix,
     view::{Camera, Projection},
 };
@@ -42,31 +42,13 @@ const NAIVE_EVERY: u64 = 100;
 /// Poses a second of all flights.
 const RATE_HZ: f64 = 10.0;
 
-/// A client of the test.
-#[derive(Clone, Debug)]
-pub(in super::super) struct ClientPlan {
-    pub(in super::super) name: String,
-    pub(in super::super) triangles: u32,
-    pub(in super::super) tan_half_fov: f64,
-    pub(in super::super) preset: Preset,
-}
-
-/// What is to be run.
-#[derive(Clone, Debug)]
-pub(in super::super) struct Plan {
-    pub(in super::super) exercise: String,
-    pub(in super::super) clients: Vec<ClientPlan>,
-    pub(in super::super) sight_lines: usize,
-    pub(in super::super) frames: usize,
-    pub(in super::super) seed: u64,
-    pub(in super::super) fidelity: Fidelity,
-    pub(in super::super) viewport_px: [u32; 2],
-    /// A client to be sabotaged, and how.
-    pub(in super::super) sabotage: Option<(usize, Sabotage)>,
-    /// The folder for pictures of the last frames.
-    pub(in super::super) pictures: Option<PathBuf>,
-    /// Whether the exercise stays on the server when the run is over.
-    pub(in super::super) keep_exercise: bool,
+/// The last meshes of a client: active posts but for the corners, with heights. `None` where they were not told.
+#[derive(Clone, Default, Debug)]
+pub(in super::super) struct LastMeshes {
+    /// Of the view that honours the sight lines.
+    pub(in super::super) lines: Option<Vec<(Post, i32)>>,
+    /// Of the plain view.
+    pub(in super::super) plain: Option<Vec<(Post, i32)>>,
 }
 
 /// What was found.
@@ -77,6 +59,10 @@ pub(in super::super) struct Outcome {
     /// The exercise at the last tick.
     pub(in super::super) last: Truth,
     pub(in super::super) checks: Checks,
+    /// How many servers.
+    pub(in super::super) servers: usize,
+    /// By client.
+    pub(in super::super) meshes: Vec<LastMeshes>,
     pub(in super::super) seconds: f64,
 }
 
@@ -107,11 +93,11 @@ pub(in super::super) enum Happening<'a> {
     Remark(String),
 }
 
-/// Runs the test against the server at `address`, which must hold the terrain of `database`.
+/// Runs the test against the servers at `addresses`, which must hold the terrain of `database`; clients take them in turn.
 pub(in super::super) fn run(
     runtime: &tokio::runtime::Runtime,
     database: &Arc<Database>,
-    address: &str,
+    addresses: &[String],
     plan: &Plan,
     show: &mut dyn FnMut(Happening),
 ) -> Result<Outcome, Failure> {
@@ -121,14 +107,24 @@ pub(in super::super) fn run(
     show(Happening::Step("choosing sight lines"));
     let theatre = scenario::choose_theatre(database.scale(), plan.seed, &mut oracle).map_err(truth_failed)?;
     let theatre_m = in_metres(theatre, database);
-    let wish = Wish { lines: plan.sight_lines, ticks: plan.frames as u64, fidelity: plan.fidelity, seed: plan.seed };
+    let wish = Wish {
+        lines: plan.sight_lines,
+        ticks: plan.frames as u64,
+        fidelity: plan.fidelity,
+        comings: plan.changes.lines,
+        seed: plan.seed,
+    };
     let meshes = plain_meshes(database, plan, theatre_m)?;
     let scenario = scenario::choose(wish, theatre, database.scale(), &meshes, &mut oracle).map_err(truth_failed)?;
     drop(meshes);
     show(Happening::Step("registering the exercise"));
-    let client = runtime.block_on(connect::connect(address))?;
-    same_terrain(&runtime.block_on(client.terrain()).map_err(connect::failure)?, database)?;
-    let director = runtime.block_on(Director::begin(client, &plan.exercise, scenario.clone()))?;
+    let mut servers = Vec::new();
+    for address in addresses {
+        let client = runtime.block_on(connect::connect(address))?;
+        same_terrain(&runtime.block_on(client.terrain()).map_err(connect::failure)?, database)?;
+        servers.push(client);
+    }
+    let director = runtime.block_on(Director::begin(servers, &plan.exercise, scenario.clone()))?;
     let names = plan.clients.iter().map(|c| (c.name.clone(), c.triangles));
     let run = Run {
         plan,
@@ -136,14 +132,18 @@ pub(in super::super) fn run(
         truths: Truths::new(&scenario, plan.seed, oracle),
         comparison: Comparison::new(names, scenario.lines.len()),
         sabotaged: 0,
+        meshes: vec![LastMeshes::default(); plan.clients.len()],
+        servers: addresses.len(),
     };
     show(Happening::Step("flying"));
-    let (director, truths, comparison, sabotaged) = runtime.block_on(run.fly(address, theatre_m, show))?;
+    let Run { director, truths, comparison, sabotaged, meshes, .. } =
+        runtime.block_on(run.fly(addresses, theatre_m, show))?;
     let (last, checks) = truths.finish(director.tick(), sabotaged)?;
     if !plan.keep_exercise {
         runtime.block_on(director.end())?;
     }
-    Ok(Outcome { comparison, scenario, last, checks, seconds: started.elapsed().as_secs_f64() })
+    let (servers, seconds) = (addresses.len(), started.elapsed().as_secs_f64());
+    Ok(Outcome { comparison, scenario, last, checks, servers, meshes, seconds })
 }
 
 fn in_metres(theatre: [[f64; 2]; 2], database: &Database) -> [[f64; 2]; 2] {
@@ -259,18 +259,20 @@ struct Run<'a, O> {
     truths: Truths<O>,
     comparison: Comparison,
     sabotaged: u64,
+    meshes: Vec<LastMeshes>,
+    servers: usize,
 }
 
 impl<O: Oracle> Run<'_, O> {
     async fn fly(
         mut self,
-        address: &str,
+        addresses: &[String],
         theatre_m: [[f64; 2]; 2],
         show: &mut dyn FnMut(Happening),
-    ) -> Result<(Director, Truths<O>, Comparison, u64), Failure> {
+    ) -> Result<Self, Failure> {
         let (words_in, mut words) = mpsc::channel(WAITING_RECORDS);
         for n in 0..self.plan.clients.len() {
-            worker::start(n, &self.order(n, address, theatre_m), words_in.clone())?;
+            worker::start(n, &self.order(n, &addresses[n % addresses.len()], theatre_m), words_in.clone())?;
         }
         drop(words_in);
         let mut flying = self.plan.clients.len();
@@ -290,7 +292,7 @@ impl<O: Oracle> Run<'_, O> {
                 break;
             }
         }
-        Ok((self.director, self.truths, self.comparison, self.sabotaged))
+        Ok(self)
     }
 
     fn failed(&self, client: usize, what: &str) -> Failure {
@@ -321,6 +323,9 @@ impl<O: Oracle> Run<'_, O> {
             rate_hz: RATE_HZ,
             lines: self.plan.sight_lines,
             plain: true,
+            budgets: self.plan.budgets(n),
+            jump_every: self.plan.jump_every(),
+            tell_meshes: self.plan.wants_meshes,
             sabotage: self.plan.sabotage.filter(|(victim, _)| *victim == n).map(|(_, kind)| kind),
             pictures,
             record: None,
@@ -332,7 +337,9 @@ impl<O: Oracle> Run<'_, O> {
             Record::Frame(frame) => {
                 match tick_of(frame.epoch) {
                     Some(tick) if tick <= self.director.tick() + 1 => {
-                        self.comparison.frame(client, &frame, self.truths.at(tick)?);
+                        let budget = self.plan.greatest_budget(client, frame.pose_sequence);
+                        let from = Source { client, server: client % self.servers, budget };
+                        self.comparison.frame(from, &frame, self.truths.at(tick)?);
                     }
                     // An epoch that was never made: everything about the frame is wrong.
                     _ => self.comparison.clients[client].exercise_mismatches += 1,
@@ -356,13 +363,10 @@ impl<O: Oracle> Run<'_, O> {
                 self.sabotaged += betrays.len() as u64;
                 show(Happening::Remark(format!("{}: sabotaged: {detail}", self.plan.clients[client].name)));
             }
+            Record::Mesh { kind: Kind::Lines, posts } => self.meshes[client].lines = Some(posts),
+            Record::Mesh { kind: Kind::Plain, posts } => self.meshes[client].plain = Some(posts),
             Record::Done { .. } => {}
         }
         Ok(())
     }
-}
-
-/// The plan position of a point of the grid frame in metres.
-pub(in super::super) fn scene_from_grid(database: &Database, p: [f64; 3]) -> [f64; 3] {
-    database.scale().scene_from_grid(DVec3::from_array(p)).to_array()
 }

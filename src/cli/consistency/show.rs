@@ -4,10 +4,7 @@ use std::io::IsTerminal;
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use super::{
-    super::Context,
-    run::{Happening, Plan},
-};
+use super::{super::Context, plan::Plan, run::Happening};
 use crate::evaluate::consistency::percent;
 
 /// Shows what happens.

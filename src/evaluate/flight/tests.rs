@@ -102,3 +102,16 @@ fn heights_for_other_points_are_refused() {
     assert_eq!(plan.fly(&[0.0; 19]), Err(FlightError::GroundCount { got: 19, wanted: 20 }));
     assert!(Plan::preset(Preset::Orbit, [[0.0; 2], [1e4; 2]], MAX_FRAMES + 1, 30.0, 1).is_err());
 }
+
+#[test]
+fn a_jumping_flight_has_the_same_viewpoints_in_pieces() {
+    let flown = fly(Preset::Straight, 3);
+    let jumped = jumping(&flown, 40, 9);
+    assert_eq!(jumped, jumping(&flown, 40, 9));
+    let place = |v: &Viewpoint| flown.iter().position(|w| w == v).unwrap();
+    let mut places: Vec<_> = jumped.iter().map(place).collect();
+    let jumps = places.windows(2).filter(|pair| pair[1] != pair[0] + 1).count();
+    assert!((2..=7).contains(&jumps), "{jumps} jumps in 8 pieces");
+    places.sort_unstable();
+    assert_eq!(places, (0..flown.len()).collect::<Vec<_>>());
+}

@@ -18,7 +18,7 @@ fn world(seed: u64) -> Scenario {
     let (field, none) = (field(), Vec::<Replica>::new());
     let mut oracle = FieldOracle(&field);
     let theatre = choose_theatre(SCALE, seed, &mut oracle).unwrap();
-    let wish = Wish { lines: 40, ticks: 30, fidelity: Fidelity::Verdict, seed };
+    let wish = Wish { lines: 40, ticks: 30, fidelity: Fidelity::Verdict, comings: false, seed };
     choose(wish, theatre, SCALE, &none, &mut oracle).unwrap()
 }
 
@@ -56,4 +56,20 @@ fn entities_stay_in_the_theatre_and_truth_does_not_depend_on_what_is_reused() {
         assert_eq!(world.truth(tick, Some(&before), &mut oracle).unwrap(), fresh);
     }
     assert_ne!(world.truth(0, None, &mut oracle).unwrap().digest, before.digest);
+}
+
+#[test]
+fn lines_that_come_and_go_are_a_quarter_and_each_is_there_half_the_time() {
+    let world = Scenario { comings: true, ..world(9) };
+    let field = field();
+    let mut oracle = FieldOracle(&field);
+    let mut there = vec![0; world.lines.len()];
+    let ticks = 4 * STAY_TICKS;
+    for tick in 0..ticks {
+        let truth = world.truth(tick, None, &mut oracle).unwrap();
+        truth.lines.keys().for_each(|&id| there[id as usize - 1] += 1);
+    }
+    for (line, &ticks_there) in there.iter().enumerate() {
+        assert_eq!(ticks_there, if line % 4 == 3 { ticks / 2 } else { ticks }, "line {line}");
+    }
 }

@@ -29,7 +29,7 @@ use sightline_proto::{
 use self::event::{Chord, Event, Events};
 use super::{
     Answer, LosError, Options, Verdict, check_finite,
-    earth::{At, Dip, Line},
+    earth::{At, Dip, Earth, Line},
     skip,
     surface::known_triangle,
     walk::Walk,
@@ -80,6 +80,20 @@ where
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite(b, ["bx", "by", "bz"])?;
     Ok(derive_on(&mut Walk::new(field, a, b), a, b, options)?)
+}
+
+/// The first obstruction of AB from A, where AB goes under a known triangle there and passes no unknown point before. Flat
+/// Earth.
+pub fn known_obstruction<H>(field: &H, a: [f64; 3], b: [f64; 3]) -> Result<Option<Obstruction>, LosError>
+where
+    H: HeightField + ?Sized,
+{
+    let first = derive(field, a, b, Options::default())?.first_from_a;
+    let Some(first) = first.filter(|first| first.triangle.is_some()) else { return Ok(None) };
+    let stretches = line_stretches(field, a, b, Earth::Flat)?;
+    let before = stretches.iter().take_while(|stretch| stretch.state != LineState::Below);
+    let passes_unknown = before.into_iter().any(|stretch| stretch.state == LineState::Unknown);
+    Ok(Some(first).filter(|_| !passes_unknown))
 }
 
 /// [`derive()`] for finite ends.

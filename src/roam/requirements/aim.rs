@@ -9,7 +9,7 @@ use sightline_proto::diamond::Triangle;
 
 use super::{RequiredLine, ground::Ground, stable::path};
 use crate::{
-    los::{self, LineState, LosError},
+    los::{self, LosError},
     roam::Terrain,
     terrain::{ReadError, SceneScale},
 };
@@ -33,22 +33,13 @@ impl Aim {
         line: &RequiredLine,
         distance_m: f64,
     ) -> Result<Option<Self>, ReadError> {
-        let read = |error| match error {
-            LosError::Read(error) => Some(error),
-            _ => None,
-        };
         let (a, b) = (line.a, line.b);
-        let derived = los::derive(ground.terrain(), a, b, los::Options::default());
-        let stretches = los::line_stretches(ground.terrain(), a, b, los::Earth::Flat);
-        let (derived, stretches) = match (derived, stretches) {
-            (Ok(derived), Ok(stretches)) => (derived, stretches),
-            (Err(error), _) | (_, Err(error)) => return read(error).map_or(Ok(None), Err),
+        let first = match los::known_obstruction(ground.terrain(), a, b) {
+            Ok(first) => first,
+            Err(LosError::Read(error)) => return Err(error),
+            Err(_) => None,
         };
-        let before = stretches.iter().take_while(|stretch| stretch.state != LineState::Below);
-        let passes_unknown = before.into_iter().any(|stretch| stretch.state == LineState::Unknown);
-        let Some([p, q, r]) = derived.first_from_a.and_then(|first| first.triangle).filter(|_| !passes_unknown) else {
-            return Ok(None);
-        };
+        let Some([p, q, r]) = first.and_then(|first| first.triangle) else { return Ok(None) };
         // Only its corners count for the way to it.
         let corners = Triangle { apex: p, e0: r, e1: q };
         let Some(face) = path(ground.grid().root().roots(), &corners).last() else { return Ok(None) };

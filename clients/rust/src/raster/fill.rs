@@ -176,6 +176,10 @@ fn colour(
 ) -> [f32; 3] {
     let light = blend3(bary, corners.shade);
     let mut out = palette::hypsometric((p.z - paint.low_m) / paint.span_m).map(|c| (f64::from(c) * light) as f32);
+    if paint.muted {
+        let grey = 0.3 * out[0] + 0.55 * out[1] + 0.15 * out[2];
+        out = mix([0.45 + 0.5 * grey; 3], out, 0.12);
+    }
     if corners.below {
         out = mix(out, palette::UNDERSIDE, 0.7);
     }

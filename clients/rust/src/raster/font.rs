@@ -64,10 +64,12 @@ const GLYPHS: &[(char, [u8; 7])] = &[
 
 const UNKNOWN: [u8; 7] = [0x1f, 0x11, 0x11, 0x11, 0x11, 0x11, 0x1f];
 
-/// Prints lines of text in the upper left corner on a dark panel, scaled with the picture.
-pub(super) fn print_caption(picture: &mut Picture, lines: &[String]) {
-    let Some(longest) = lines.iter().map(|l| l.chars().count().min(MAX_CAPTION)).max() else { return };
-    let rows = lines.len().min(MAX_CAPTION) as u32;
+/// Prints lines of text in the upper left corner on a dark panel, scaled with the picture; below them others, each behind
+/// a square of its colour.
+pub(super) fn print_panel(picture: &mut Picture, lines: &[String], legend: &[([u8; 3], &str)]) {
+    let lengths = lines.iter().map(|l| l.chars().count()).chain(legend.iter().map(|(_, l)| l.chars().count() + 2));
+    let Some(longest) = lengths.map(|length| length.min(MAX_CAPTION)).max() else { return };
+    let rows = (lines.len() + legend.len()).min(MAX_CAPTION) as u32;
     let scale = (picture.width_px / 480).clamp(1, 4);
     let margin = 4 * scale;
     let width = longest as u32 * ADVANCE * scale + 2 * margin;
@@ -77,8 +79,17 @@ pub(super) fn print_caption(picture: &mut Picture, lines: &[String]) {
             picture.blend(x, y, [10, 16, 24], 165);
         }
     }
+    let text = [240, 244, 248];
+    let at = |row: u32, column: u32| [2 * margin + column * ADVANCE * scale, 2 * margin + row * LINE * scale];
     for (row, line) in (0..rows).zip(lines) {
-        print_line(picture, line, [2 * margin, 2 * margin + row * LINE * scale], scale, [240, 244, 248]);
+        print_line(picture, line, at(row, 0), scale, text);
+    }
+    for (row, &(colour, line)) in (lines.len() as u32..rows).zip(legend) {
+        let [left, top] = at(row, 0);
+        for y in top..top + 7 * scale {
+            (left..left + 7 * scale).for_each(|x| picture.blend(x, y, colour, 255));
+        }
+        print_line(picture, line, at(row, 2), scale, text);
     }
 }
 

@@ -20,22 +20,25 @@ const MAX_STEPS: f64 = 4.0 * 1.5 * (super::MAX_SIDE_PX * SAMPLES) as f64;
 pub(super) fn draw_marks(target: &mut Target, view: &View, marks: &[Mark], depth: Depth) {
     for mark in marks {
         let [a, b] = [mark.a, mark.b].map(|p| view.camera_from_scene(DVec3::from_array(p)));
-        if let Some((a, b)) = in_front(a, b, view.near_m.max(1e-3)) {
+        let is_segment = !matches!(mark.kind, MarkKind::Split | MarkKind::Mistake);
+        if let Some((a, b)) = in_front(a, b, view.near_m.max(1e-3)).filter(|_| is_segment) {
             draw_segment(target, view, mark.kind, depth, a, b);
         }
-        for end in [a, b] {
+        let ends = if mark.a == mark.b { &[a][..] } else { &[a, b] };
+        for &end in ends {
             draw_end(target, view, mark.kind, depth, end);
         }
     }
 }
 
-fn colour(kind: MarkKind) -> [f32; 3] {
+pub(super) fn colour(kind: MarkKind) -> [f32; 3] {
     match kind {
         MarkKind::Visible => [0.10, 0.95, 0.30],
         MarkKind::Blocked => [0.95, 0.12, 0.10],
         MarkKind::Unknown => [0.55, 0.55, 0.58],
-        MarkKind::Wrong => [1.00, 0.10, 0.95],
+        MarkKind::Wrong | MarkKind::Mistake => [1.00, 0.10, 0.95],
         MarkKind::Viewer => [1.00, 1.00, 1.00],
+        MarkKind::Split => [0.10, 0.25, 0.95],
     }
 }
 
@@ -92,17 +95,27 @@ fn draw_segment(target: &mut Target, view: &View, kind: MarkKind, depth: Depth, 
     }
 }
 
-/// A small disc at an end.
+/// Inner and outer radius of what is drawn at the ends of a mark, in samples.
+fn end_radii(kind: MarkKind) -> [i64; 2] {
+    let s = i64::from(SAMPLES);
+    match kind {
+        MarkKind::Split => [0, s + s / 2],
+        MarkKind::Mistake => [4 * s, 6 * s],
+        _ => [0, 2 * s + half_width(kind)],
+    }
+}
+
+/// A small disc or ring at an end.
 fn draw_end(target: &mut Target, view: &View, kind: MarkKind, depth: Depth, p: DVec3) {
     if -p.z < view.near_m.max(1e-3) {
         return;
     }
     let at = view.project(p);
-    let radius = 2 * i64::from(SAMPLES) + half_width(kind);
+    let [inner, radius] = end_radii(kind);
     let (cx, cy) = (at.x / at.z, at.y / at.z);
     for dy in -radius..=radius {
         for dx in -radius..=radius {
-            if dx * dx + dy * dy <= radius * radius {
+            if (inner * inner..=radius * radius).contains(&(dx * dx + dy * dy)) {
                 dab(target, kind, depth, [cx + dx as f64, cy + dy as f64], -p.z, 0);
             }
         }

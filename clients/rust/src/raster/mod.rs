@@ -73,6 +73,10 @@ pub enum MarkKind {
     Wrong,
     /// A viewer and the edges of what it sees: white.
     Viewer,
+    /// A post that was split: a small blue dot at each end.
+    Split,
+    /// A place where something is wrong: a magenta ring around each end.
+    Mistake,
 }
 
 /// A segment drawn over the terrain, in the scene frame.
@@ -93,8 +97,12 @@ pub struct Style {
     pub wireframe: bool,
     /// Heights in metres at the ends of the colour scale; `None` takes the surface's own.
     pub height_range_m: Option<[f64; 2]>,
+    /// Whether the terrain is drawn in greys, so that marks stand out.
+    pub muted: bool,
     /// Lines of text printed in the upper left corner: count, epoch, hash.
     pub caption: Vec<String>,
+    /// What marks stand for, printed below the caption, each behind its own.
+    pub legend: Vec<(MarkKind, String)>,
 }
 
 /// Draws the surface as the camera sees it. Parts of marks behind terrain are faint.
@@ -105,7 +113,7 @@ pub fn draw_view(surface: &Surface, camera: &Camera, marks: &[Mark], style: &Sty
     fill::fill_surface(&mut target, surface, &view, &paint);
     fill::fill_sky(&mut target, &view);
     marks::draw_marks(&mut target, &view, marks, marks::Depth::Tested);
-    finish(&target, &style.caption)
+    finish(&target, style)
 }
 
 /// Draws the surface from above, north up: all of it, or the plan rectangle `window` (south-west and north-east
@@ -135,12 +143,13 @@ pub fn draw_map(
     fill::fill_surface(&mut target, surface, &view, &paint);
     fill::fill_paper(&mut target);
     marks::draw_marks(&mut target, &view, marks, marks::Depth::OnTop);
-    finish(&target, &style.caption)
+    finish(&target, style)
 }
 
-fn finish(target: &Target, caption: &[String]) -> Picture {
+fn finish(target: &Target, style: &Style) -> Picture {
     let mut picture = target.resolve(SAMPLES);
-    font::print_caption(&mut picture, caption);
+    let legend = style.legend.iter().map(|(kind, text)| (marks::colour(*kind).map(|c| (c * 255.0) as u8), &**text));
+    font::print_panel(&mut picture, &style.caption, &legend.collect::<Vec<_>>());
     picture
 }
 
@@ -204,6 +213,7 @@ struct Paint {
     low_m: f64,
     span_m: f64,
     wireframe: bool,
+    muted: bool,
     /// Distance in metres at which haze hides half of a colour; infinite for a map.
     haze_m: f64,
     /// How much steeper slopes look to the light than they are.
@@ -219,6 +229,7 @@ impl Paint {
             low_m,
             span_m: (high_m - low_m).max(1.0),
             wireframe: style.wireframe,
+            muted: style.muted,
             haze_m: if haze && view.perspective { (0.6 * extent_m).clamp(2_000.0, 45_000.0) } else { f64::INFINITY },
             relief: if haze { 1.5 } else { 2.5 },
         }

@@ -39,7 +39,7 @@ impl Picture {
 
     /// Writes lines of text in the upper left corner on a dark panel.
     pub fn caption(&mut self, lines: &[String]) {
-        super::font::print_caption(self, lines);
+        super::font::print_panel(self, lines, &[]);
     }
 
     /// The picture as a PNG file, the same bytes every time.

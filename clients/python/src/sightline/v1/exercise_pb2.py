@@ -25,15 +25,15 @@ _sym_db = _symbol_database.Default()
 from sightline.v1 import common_pb2 as sightline_dot_v1_dot_common__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bsightline/v1/exercise.proto\x12\x0csightline.v1\x1a\x19sightline/v1/common.proto\"\xb1\x01\n\x06\x45ntity\x12\n\n\x02id\x18\x01 \x01(\x04\x12(\n\x08position\x18\x02 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x03 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x31\n\x08\x61ltitude\x18\x04 \x01(\x0e\x32\x1f.sightline.v1.AltitudeReference\x12\x10\n\x08ground_m\x18\x05 \x01(\x01\"l\n\x06\x41nchor\x12,\n\x06\x65ntity\x18\x01 \x01(\x0b\x32\x1a.sightline.v1.EntityAnchorH\x00\x12*\n\x05point\x18\x02 \x01(\x0b\x32\x19.sightline.v1.PointAnchorH\x00\x42\x08\n\x06\x61nchor\":\n\x0c\x45ntityAnchor\x12\x11\n\tentity_id\x18\x01 \x01(\x04\x12\x17\n\x0fheight_offset_m\x18\x02 \x01(\x01\"\x98\x01\n\x0bPointAnchor\x12(\n\x08position\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x02 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x31\n\x08\x61ltitude\x18\x03 \x01(\x0e\x32\x1f.sightline.v1.AltitudeReference\"\xea\x01\n\tSightLine\x12\n\n\x02id\x18\x01 \x01(\x04\x12\x1f\n\x01\x61\x18\x02 \x01(\x0b\x32\x14.sightline.v1.Anchor\x12\x1f\n\x01\x62\x18\x03 \x01(\x0b\x32\x14.sightline.v1.Anchor\x12(\n\x08\x66idelity\x18\x04 \x01(\x0e\x32\x16.sightline.v1.Fidelity\x12\x10\n\x08priority\x18\x05 \x01(\r\x12\x1e\n\x16obstruction_distance_m\x18\x06 \x01(\x01\x12\x0f\n\x07range_m\x18\x07 \x01(\x01\x12\"\n\x06region\x18\x08 \x01(\x0b\x32\x12.sightline.v1.Disc\"n\n\x04\x44isc\x12&\n\x06\x63\x65ntre\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x02 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x10\n\x08radius_m\x18\x03 \x01(\x01\"\xec\x01\n\x0eSightLineState\x12\n\n\x02id\x18\x01 \x01(\x04\x12\'\n\x08resolved\x18\x02 \x01(\x0b\x32\x15.sightline.v1.Segment\x12&\n\x07verdict\x18\x03 \x01(\x0e\x32\x15.sightline.v1.Verdict\x12\x33\n\x0eunknown_reason\x18\x04 \x01(\x0e\x32\x1b.sightline.v1.UnknownReason\x12(\n\x08\x66idelity\x18\x05 \x01(\x0e\x32\x16.sightline.v1.Fidelity\x12\x1e\n\x16obstruction_distance_m\x18\x06 \x01(\x01\"%\n\x15\x43reateExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x18\n\x16\x43reateExerciseResponse\"\x16\n\x14ListExercisesRequest\"I\n\x15ListExercisesResponse\x12\x30\n\texercises\x18\x01 \x03(\x0b\x32\x1d.sightline.v1.ExerciseSummary\"U\n\x0f\x45xerciseSummary\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05\x65poch\x18\x02 \x01(\x04\x12\x10\n\x08\x65ntities\x18\x03 \x01(\r\x12\x13\n\x0bsight_lines\x18\x04 \x01(\r\"\"\n\x12GetExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x7f\n\x13GetExerciseResponse\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\x12&\n\x08\x65ntities\x18\x02 \x03(\x0b\x32\x14.sightline.v1.Entity\x12\x31\n\x0bsight_lines\x18\x03 \x03(\x0b\x32\x1c.sightline.v1.SightLineState\"\xb8\x01\n\x15\x43hangeExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x17\n\x0fremove_entities\x18\x02 \x03(\x04\x12\x1a\n\x12remove_sight_lines\x18\x03 \x03(\x04\x12*\n\x0cput_entities\x18\x04 \x03(\x0b\x32\x14.sightline.v1.Entity\x12\x30\n\x0fput_sight_lines\x18\x05 \x03(\x0b\x32\x17.sightline.v1.SightLine\"\'\n\x16\x43hangeExerciseResponse\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\"%\n\x15\x44\x65leteExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x18\n\x16\x44\x65leteExerciseResponse*\x7f\n\x08\x46idelity\x12\x18\n\x14\x46IDELITY_UNSPECIFIED\x10\x00\x12\x14\n\x10\x46IDELITY_VERDICT\x10\x01\x12\x13\n\x0f\x46IDELITY_WEDGIE\x10\x02\x12\x14\n\x10\x46IDELITY_PROFILE\x10\x03\x12\x18\n\x14\x46IDELITY_OBSTRUCTION\x10\x04\x32\xd6\x03\n\x0f\x45xerciseService\x12[\n\x0e\x43reateExercise\x12#.sightline.v1.CreateExerciseRequest\x1a$.sightline.v1.CreateExerciseResponse\x12X\n\rListExercises\x12\".sightline.v1.ListExercisesRequest\x1a#.sightline.v1.ListExercisesResponse\x12R\n\x0bGetExercise\x12 .sightline.v1.GetExerciseRequest\x1a!.sightline.v1.GetExerciseResponse\x12[\n\x0e\x43hangeExercise\x12#.sightline.v1.ChangeExerciseRequest\x1a$.sightline.v1.ChangeExerciseResponse\x12[\n\x0e\x44\x65leteExercise\x12#.sightline.v1.DeleteExerciseRequest\x1a$.sightline.v1.DeleteExerciseResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1bsightline/v1/exercise.proto\x12\x0csightline.v1\x1a\x19sightline/v1/common.proto\"\xb1\x01\n\x06\x45ntity\x12\n\n\x02id\x18\x01 \x01(\x04\x12(\n\x08position\x18\x02 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x03 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x31\n\x08\x61ltitude\x18\x04 \x01(\x0e\x32\x1f.sightline.v1.AltitudeReference\x12\x10\n\x08ground_m\x18\x05 \x01(\x01\"l\n\x06\x41nchor\x12,\n\x06\x65ntity\x18\x01 \x01(\x0b\x32\x1a.sightline.v1.EntityAnchorH\x00\x12*\n\x05point\x18\x02 \x01(\x0b\x32\x19.sightline.v1.PointAnchorH\x00\x42\x08\n\x06\x61nchor\":\n\x0c\x45ntityAnchor\x12\x11\n\tentity_id\x18\x01 \x01(\x04\x12\x17\n\x0fheight_offset_m\x18\x02 \x01(\x01\"\x98\x01\n\x0bPointAnchor\x12(\n\x08position\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x02 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x31\n\x08\x61ltitude\x18\x03 \x01(\x0e\x32\x1f.sightline.v1.AltitudeReference\"\xea\x01\n\tSightLine\x12\n\n\x02id\x18\x01 \x01(\x04\x12\x1f\n\x01\x61\x18\x02 \x01(\x0b\x32\x14.sightline.v1.Anchor\x12\x1f\n\x01\x62\x18\x03 \x01(\x0b\x32\x14.sightline.v1.Anchor\x12(\n\x08\x66idelity\x18\x04 \x01(\x0e\x32\x16.sightline.v1.Fidelity\x12\x10\n\x08priority\x18\x05 \x01(\r\x12\x1e\n\x16obstruction_distance_m\x18\x06 \x01(\x01\x12\x0f\n\x07range_m\x18\x07 \x01(\x01\x12\"\n\x06region\x18\x08 \x01(\x0b\x32\x12.sightline.v1.Disc\"n\n\x04\x44isc\x12&\n\x06\x63\x65ntre\x18\x01 \x01(\x0b\x32\x16.sightline.v1.Position\x12,\n\x05\x66rame\x18\x02 \x01(\x0e\x32\x1d.sightline.v1.CoordinateFrame\x12\x10\n\x08radius_m\x18\x03 \x01(\x01\"\xa2\x02\n\x0eSightLineState\x12\n\n\x02id\x18\x01 \x01(\x04\x12\'\n\x08resolved\x18\x02 \x01(\x0b\x32\x15.sightline.v1.Segment\x12&\n\x07verdict\x18\x03 \x01(\x0e\x32\x15.sightline.v1.Verdict\x12\x33\n\x0eunknown_reason\x18\x04 \x01(\x0e\x32\x1b.sightline.v1.UnknownReason\x12(\n\x08\x66idelity\x18\x05 \x01(\x0e\x32\x16.sightline.v1.Fidelity\x12\x1e\n\x16obstruction_distance_m\x18\x06 \x01(\x01\x12\x1e\n\x11\x66irst_obstruction\x18\x07 \x01(\x01H\x00\x88\x01\x01\x42\x14\n\x12_first_obstruction\"%\n\x15\x43reateExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x18\n\x16\x43reateExerciseResponse\"\x16\n\x14ListExercisesRequest\"I\n\x15ListExercisesResponse\x12\x30\n\texercises\x18\x01 \x03(\x0b\x32\x1d.sightline.v1.ExerciseSummary\"U\n\x0f\x45xerciseSummary\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\r\n\x05\x65poch\x18\x02 \x01(\x04\x12\x10\n\x08\x65ntities\x18\x03 \x01(\r\x12\x13\n\x0bsight_lines\x18\x04 \x01(\r\"\"\n\x12GetExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x7f\n\x13GetExerciseResponse\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\x12&\n\x08\x65ntities\x18\x02 \x03(\x0b\x32\x14.sightline.v1.Entity\x12\x31\n\x0bsight_lines\x18\x03 \x03(\x0b\x32\x1c.sightline.v1.SightLineState\"\xb8\x01\n\x15\x43hangeExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x17\n\x0fremove_entities\x18\x02 \x03(\x04\x12\x1a\n\x12remove_sight_lines\x18\x03 \x03(\x04\x12*\n\x0cput_entities\x18\x04 \x03(\x0b\x32\x14.sightline.v1.Entity\x12\x30\n\x0fput_sight_lines\x18\x05 \x03(\x0b\x32\x17.sightline.v1.SightLine\"\'\n\x16\x43hangeExerciseResponse\x12\r\n\x05\x65poch\x18\x01 \x01(\x04\"%\n\x15\x44\x65leteExerciseRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\"\x18\n\x16\x44\x65leteExerciseResponse*\x7f\n\x08\x46idelity\x12\x18\n\x14\x46IDELITY_UNSPECIFIED\x10\x00\x12\x14\n\x10\x46IDELITY_VERDICT\x10\x01\x12\x13\n\x0f\x46IDELITY_WEDGIE\x10\x02\x12\x14\n\x10\x46IDELITY_PROFILE\x10\x03\x12\x18\n\x14\x46IDELITY_OBSTRUCTION\x10\x04\x32\xd6\x03\n\x0f\x45xerciseService\x12[\n\x0e\x43reateExercise\x12#.sightline.v1.CreateExerciseRequest\x1a$.sightline.v1.CreateExerciseResponse\x12X\n\rListExercises\x12\".sightline.v1.ListExercisesRequest\x1a#.sightline.v1.ListExercisesResponse\x12R\n\x0bGetExercise\x12 .sightline.v1.GetExerciseRequest\x1a!.sightline.v1.GetExerciseResponse\x12[\n\x0e\x43hangeExercise\x12#.sightline.v1.ChangeExerciseRequest\x1a$.sightline.v1.ChangeExerciseResponse\x12[\n\x0e\x44\x65leteExercise\x12#.sightline.v1.DeleteExerciseRequest\x1a$.sightline.v1.DeleteExerciseResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'sightline.v1.exercise_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_FIDELITY']._serialized_start=1874
-  _globals['_FIDELITY']._serialized_end=2001
+  _globals['_FIDELITY']._serialized_start=1928
+  _globals['_FIDELITY']._serialized_end=2055
   _globals['_ENTITY']._serialized_start=73
   _globals['_ENTITY']._serialized_end=250
   _globals['_ANCHOR']._serialized_start=252
@@ -47,29 +47,29 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_DISC']._serialized_start=814
   _globals['_DISC']._serialized_end=924
   _globals['_SIGHTLINESTATE']._serialized_start=927
-  _globals['_SIGHTLINESTATE']._serialized_end=1163
-  _globals['_CREATEEXERCISEREQUEST']._serialized_start=1165
-  _globals['_CREATEEXERCISEREQUEST']._serialized_end=1202
-  _globals['_CREATEEXERCISERESPONSE']._serialized_start=1204
-  _globals['_CREATEEXERCISERESPONSE']._serialized_end=1228
-  _globals['_LISTEXERCISESREQUEST']._serialized_start=1230
-  _globals['_LISTEXERCISESREQUEST']._serialized_end=1252
-  _globals['_LISTEXERCISESRESPONSE']._serialized_start=1254
-  _globals['_LISTEXERCISESRESPONSE']._serialized_end=1327
-  _globals['_EXERCISESUMMARY']._serialized_start=1329
-  _globals['_EXERCISESUMMARY']._serialized_end=1414
-  _globals['_GETEXERCISEREQUEST']._serialized_start=1416
-  _globals['_GETEXERCISEREQUEST']._serialized_end=1450
-  _globals['_GETEXERCISERESPONSE']._serialized_start=1452
-  _globals['_GETEXERCISERESPONSE']._serialized_end=1579
-  _globals['_CHANGEEXERCISEREQUEST']._serialized_start=1582
-  _globals['_CHANGEEXERCISEREQUEST']._serialized_end=1766
-  _globals['_CHANGEEXERCISERESPONSE']._serialized_start=1768
-  _globals['_CHANGEEXERCISERESPONSE']._serialized_end=1807
-  _globals['_DELETEEXERCISEREQUEST']._serialized_start=1809
-  _globals['_DELETEEXERCISEREQUEST']._serialized_end=1846
-  _globals['_DELETEEXERCISERESPONSE']._serialized_start=1848
-  _globals['_DELETEEXERCISERESPONSE']._serialized_end=1872
-  _globals['_EXERCISESERVICE']._serialized_start=2004
-  _globals['_EXERCISESERVICE']._serialized_end=2474
+  _globals['_SIGHTLINESTATE']._serialized_end=1217
+  _globals['_CREATEEXERCISEREQUEST']._serialized_start=1219
+  _globals['_CREATEEXERCISEREQUEST']._serialized_end=1256
+  _globals['_CREATEEXERCISERESPONSE']._serialized_start=1258
+  _globals['_CREATEEXERCISERESPONSE']._serialized_end=1282
+  _globals['_LISTEXERCISESREQUEST']._serialized_start=1284
+  _globals['_LISTEXERCISESREQUEST']._serialized_end=1306
+  _globals['_LISTEXERCISESRESPONSE']._serialized_start=1308
+  _globals['_LISTEXERCISESRESPONSE']._serialized_end=1381
+  _globals['_EXERCISESUMMARY']._serialized_start=1383
+  _globals['_EXERCISESUMMARY']._serialized_end=1468
+  _globals['_GETEXERCISEREQUEST']._serialized_start=1470
+  _globals['_GETEXERCISEREQUEST']._serialized_end=1504
+  _globals['_GETEXERCISERESPONSE']._serialized_start=1506
+  _globals['_GETEXERCISERESPONSE']._serialized_end=1633
+  _globals['_CHANGEEXERCISEREQUEST']._serialized_start=1636
+  _globals['_CHANGEEXERCISEREQUEST']._serialized_end=1820
+  _globals['_CHANGEEXERCISERESPONSE']._serialized_start=1822
+  _globals['_CHANGEEXERCISERESPONSE']._serialized_end=1861
+  _globals['_DELETEEXERCISEREQUEST']._serialized_start=1863
+  _globals['_DELETEEXERCISEREQUEST']._serialized_end=1900
+  _globals['_DELETEEXERCISERESPONSE']._serialized_start=1902
+  _globals['_DELETEEXERCISERESPONSE']._serialized_end=1926
+  _globals['_EXERCISESERVICE']._serialized_start=2058
+  _globals['_EXERCISESERVICE']._serialized_end=2528
 # @@protoc_insertion_point(module_scope)

@@ -92,20 +92,22 @@ class Disc(_message.Message):
     def __init__(self, centre: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., radius_m: _Optional[float] = ...) -> None: ...
 
 class SightLineState(_message.Message):
-    __slots__ = ("id", "resolved", "verdict", "unknown_reason", "fidelity", "obstruction_distance_m")
+    __slots__ = ("id", "resolved", "verdict", "unknown_reason", "fidelity", "obstruction_distance_m", "first_obstruction")
     ID_FIELD_NUMBER: _ClassVar[int]
     RESOLVED_FIELD_NUMBER: _ClassVar[int]
     VERDICT_FIELD_NUMBER: _ClassVar[int]
     UNKNOWN_REASON_FIELD_NUMBER: _ClassVar[int]
     FIDELITY_FIELD_NUMBER: _ClassVar[int]
     OBSTRUCTION_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    FIRST_OBSTRUCTION_FIELD_NUMBER: _ClassVar[int]
     id: int
     resolved: _common_pb2.Segment
     verdict: _common_pb2.Verdict
     unknown_reason: _common_pb2.UnknownReason
     fidelity: Fidelity
     obstruction_distance_m: float
-    def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., obstruction_distance_m: _Optional[float] = ...) -> None: ...
+    first_obstruction: float
+    def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., obstruction_distance_m: _Optional[float] = ..., first_obstruction: _Optional[float] = ...) -> None: ...
 
 class CreateExerciseRequest(_message.Message):
     __slots__ = ("name",)
