@@ -8,8 +8,8 @@
 
 use std::{error::Error, ops::ControlFlow, path::Path, sync::Arc};
 
+use cpu_time::ThreadTime;
 use glam::{DQuat, DVec3};
-use rustix::time::{ClockId, clock_gettime};
 use sightline::{
     database::{Database, OpenOptions},
     los,
@@ -307,15 +307,9 @@ impl Row {
 
 /// Milliseconds of this thread's processor time that `work` takes: other jobs count by what they do to caches only.
 fn timed<E: Error + 'static>(work: impl FnOnce() -> std::result::Result<(), E>) -> Result<f64> {
-    let before = processor_ms();
+    let started = ThreadTime::now();
     work()?;
-    Ok(processor_ms() - before)
-}
-
-/// Processor time of this thread so far.
-fn processor_ms() -> f64 {
-    let told = clock_gettime(ClockId::ThreadCPUTime);
-    told.tv_sec as f64 * 1e3 + told.tv_nsec as f64 / 1e6
+    Ok(started.elapsed().as_secs_f64() * 1e3)
 }
 
 fn spread(ms: &[f64]) -> String {
