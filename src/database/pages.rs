@@ -6,7 +6,7 @@ use super::{
     layout::{QUAD_DIAMONDS, QUAD_SIDE},
 };
 use crate::{
-    terrain::{HeightPage, PAGE_POSTS, PAGE_SIDE, Samples, extremes::Extremes},
+    terrain::{Block, HeightPage, PAGE_POSTS, PAGE_SIDE, Samples, Stored, extremes::Extremes},
     wedgie::DiamondBounds,
 };
 
@@ -84,19 +84,19 @@ pub(super) fn decode_heights(
 }
 
 /// The samples of a page of `width` columns, row by row: post by post they took half of all instructions of a first mesh.
-fn decode_samples<const N: usize, V: Copy + Default>(
+fn decode_samples<const N: usize, V: Stored + Default>(
     values: &[u8],
     width: u32,
     decode: impl Fn([u8; N]) -> V,
-) -> Box<[V]> {
-    let mut samples = vec![V::default(); PAGE_POSTS].into_boxed_slice();
+) -> Block<V> {
+    let mut samples = [V::default(); PAGE_POSTS];
     let rows = samples.chunks_exact_mut(PAGE_SIDE as usize).zip(values.chunks_exact(N * width as usize));
     for (row, bytes) in rows {
         for (sample, value) in row.iter_mut().zip(bytes.as_chunks::<N>().0) {
             *sample = decode(*value);
         }
     }
-    samples
+    Block::from(&samples)
 }
 
 fn decode_voids(bits: &[u8], cells: usize, size: (u32, u32)) -> Result<Box<[u64; PAGE_POSTS / 64]>, String> {
@@ -165,8 +165,15 @@ pub(super) fn heights_weight(page: &HeightPage) -> usize {
         Samples::I32(_) => 4,
         Samples::F64(_) => 8,
     };
-    width * PAGE_POSTS + if page.has_voids() { PAGE_POSTS / 8 } else { 0 } + 128
+    width * PAGE_POSTS + if page.has_voids() { VOIDS_BYTES } else { 0 } + 128
 }
+
+/// The most that [`heights_weight`] is for a page of integers.
+pub(super) fn most_heights_weight(element: Element) -> usize {
+    (if element == Element::I16 { 2 } else { 4 }) * PAGE_POSTS + VOIDS_BYTES + 128
+}
+
+const VOIDS_BYTES: usize = PAGE_POSTS / 8;
 
 /// The bounds of the diamonds of a page.
 #[derive(Clone, Debug)]

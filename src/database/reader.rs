@@ -1,6 +1,11 @@
 //! An open database: pages by need, through a bounded cache, each checked when it is read.
 
-use std::{fs::File, io, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io,
+    path::Path,
+    sync::{Arc, OnceLock},
+};
 
 use sightline_proto::diamond::Post;
 use xxhash_rust::xxh3::xxh3_64;
@@ -27,7 +32,8 @@ use crate::{
 /// How a database is read.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct OpenOptions {
-    /// Bytes of decoded pages kept in memory.
+    /// Bytes of decoded pages kept in memory. When all heights take no more than half of them, those that were read are
+    /// kept for good, where readers find them without a lock.
     pub cache_bytes: usize,
 }
 
@@ -60,6 +66,8 @@ pub struct Database {
     pub(super) lattices: Vec<usize>,
     /// Numbers of the sections of extremes, from level 1; none in files without.
     pub(super) extremes: Vec<usize>,
+    /// The pages of heights read so far, row by row from the south, where all of them may be kept.
+    kept: Option<Box<[OnceLock<Arc<HeightPage>>]>>,
     cache: Cache<Cached>,
 }
 
@@ -69,6 +77,15 @@ enum Cached {
     Bounds(Arc<BoundsPage>),
     Extremes(Arc<ExtremesPage>),
     Directory(Arc<[Entry]>),
+}
+
+impl Cached {
+    fn heights(self) -> Option<Arc<HeightPage>> {
+        match self {
+            Self::Heights(page) => Some(page),
+            _ => None,
+        }
+    }
 }
 
 /// Keys of the cache: the section, then the row and column of a page (25 bits each) or, with a bit of its own, the
@@ -120,8 +137,14 @@ impl Database {
         let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
             .map_err(|e| OpenError::damaged("manifest", e.to_string()))?;
         let Numbers { heights, lattices, extremes } = check_sections(&sections, grid)?;
-        let cache = Cache::new(options.cache_bytes);
-        Ok(Self { source, file_bytes: header.file_bytes, sections, manifest, grid, heights, lattices, extremes, cache })
+        let (columns, rows) = grid.pages();
+        let pages_of_heights = columns as usize * rows as usize;
+        let bytes = pages_of_heights.saturating_mul(pages::most_heights_weight(sections[heights].element));
+        let keeps_all = bytes <= options.cache_bytes / 2;
+        let kept = keeps_all.then(|| (0..pages_of_heights).map(|_| OnceLock::new()).collect());
+        let cache = Cache::new(options.cache_bytes - if keeps_all { bytes } else { 0 });
+        let file_bytes = header.file_bytes;
+        Ok(Self { source, file_bytes, sections, manifest, grid, heights, lattices, extremes, kept, cache })
     }
 
     /// The extent of the grid.
@@ -192,6 +215,13 @@ impl Database {
         Ok(Some(self.bounds_page(number, id)?.at(quad, n)))
     }
 
+    /// Where page `id` of the heights is kept for good.
+    #[inline]
+    fn kept_page(&self, id: PageId) -> Option<&OnceLock<Arc<HeightPage>>> {
+        let (columns, _) = self.grid.pages();
+        self.kept.as_ref()?.get(id.pj as usize * columns as usize + id.pi as usize)
+    }
+
     fn bounds_page(&self, section: usize, id: PageId) -> Result<Arc<BoundsPage>, ReadError> {
         let key = page_key(section, id);
         if let Some(Cached::Bounds(page)) = self.cache.get(key) {
@@ -257,7 +287,12 @@ impl HeightField for Database {
 
     fn page(&self, id: PageId) -> Result<Arc<HeightPage>, ReadError> {
         let key = page_key(self.heights, id);
-        if let Some(Cached::Heights(page)) = self.cache.get(key) {
+        let kept = self.kept_page(id);
+        let found = match kept {
+            Some(kept) => kept.get().cloned(),
+            None => self.cache.get(key).and_then(Cached::heights),
+        };
+        if let Some(page) = found {
             return Ok(page);
         }
         let paging = Paging::of_heights(self.grid.nx(), self.grid.ny());
@@ -266,8 +301,17 @@ impl HeightField for Database {
         let page = pages::decode_heights(&bytes, element, paging.size(id), entry.flags)
             .map_err(|e| self.damaged(self.heights, id, e))?;
         let page = Arc::new(page);
+        if let Some(kept) = kept {
+            // Another thread may have read the same page meanwhile.
+            return Ok(Arc::clone(kept.get_or_init(|| page)));
+        }
         self.cache.insert(key, Cached::Heights(Arc::clone(&page)), pages::heights_weight(&page));
         Ok(page)
+    }
+
+    #[inline]
+    fn resident(&self, id: PageId) -> Option<&HeightPage> {
+        self.kept_page(id)?.get().map(|page| &**page)
     }
 
     fn extremes(&self, level: u32, id: PageId) -> Result<Option<Arc<ExtremesPage>>, ReadError> {

@@ -45,6 +45,23 @@ fn everything<T: HeightField + ErrorBounds>(t: &T) -> Result<Everything, ReadErr
 }
 
 #[test]
+fn heights_that_fit_the_cache_stay_where_readers_find_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.sldb");
+    write_to(&path, &terrain(100, 70, 1, 1, true));
+    let [read, unread] = [1, 0].map(|pi| PageId { pi, pj: 0 });
+    for (cache_bytes, stays) in [(1 << 20, true), (20_000, false)] {
+        let database = Database::open(&path, OpenOptions { cache_bytes }).unwrap();
+        assert!(database.resident(read).is_none());
+        let page = database.page(read).unwrap();
+        let resident = database.resident(read);
+        assert_eq!(resident.is_some(), stays, "{cache_bytes}");
+        assert!(resident.is_none_or(|resident| std::ptr::eq(resident, &*page)));
+        assert!(database.resident(unread).is_none());
+    }
+}
+
+#[test]
 fn what_is_written_is_read_with_all_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let cases = [

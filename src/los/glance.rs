@@ -14,12 +14,15 @@
 //!
 //! The same pass is the F64 and the FAST rung: without bounds, the second in f32 throughout.
 
-use std::ops::{Add, Div, Mul, Sub};
-
 use sightline_proto::predicates::FLUSHED;
 
-use super::sweep::ROUNDOFF;
-use crate::terrain::{HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Posts, ReadError, Samples};
+use super::{
+    real::{Real, floor},
+    sweep::{ROUNDOFF, TRUSTED_MAGNITUDE},
+};
+use crate::terrain::{
+    Block, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Posts, ReadError, Samples, Stored,
+};
 
 /// What a glance tells.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -40,86 +43,6 @@ const LEAST_REACH: f64 = 1.0 / (1 << 20) as f64;
 const G_ERROR: f64 = 1.0 / (1_u64 << 43) as f64;
 /// Greater than any coordinate in a window.
 const WINDOW: f64 = 2.0 * PAGE_SIDE as f64;
-
-/// The numbers in which a glance computes.
-pub(super) trait Real:
-    Copy + PartialOrd + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
-{
-    /// 1.5 times the weight of the bit before the point: added to a small number, it leaves a whole number in the low
-    /// bits.
-    const WHOLE: Self;
-    const ZERO: Self;
-    const HALF: Self;
-    const ONE: Self;
-    fn of(v: f64) -> Self;
-    fn of_whole(v: i32) -> Self;
-    /// The whole number in the low bits.
-    fn low_bits(self) -> i32;
-    fn abs(self) -> Self;
-}
-
-impl Real for f64 {
-    const WHOLE: Self = 6_755_399_441_055_744.0;
-    const ZERO: Self = 0.0;
-    const HALF: Self = 0.5;
-    const ONE: Self = 1.0;
-
-    #[inline]
-    fn of(v: f64) -> Self {
-        v
-    }
-
-    #[inline]
-    fn of_whole(v: i32) -> Self {
-        f64::from(v)
-    }
-
-    #[inline]
-    fn low_bits(self) -> i32 {
-        self.to_bits() as i32
-    }
-
-    #[inline]
-    fn abs(self) -> Self {
-        self.abs()
-    }
-}
-
-impl Real for f32 {
-    const WHOLE: Self = 12_582_912.0;
-    const ZERO: Self = 0.0;
-    const HALF: Self = 0.5;
-    const ONE: Self = 1.0;
-
-    #[inline]
-    fn of(v: f64) -> Self {
-        v as f32
-    }
-
-    #[inline]
-    fn of_whole(v: i32) -> Self {
-        v as f32
-    }
-
-    #[inline]
-    fn low_bits(self) -> i32 {
-        // Whole numbers here are below 2^21 in magnitude.
-        ((self.to_bits() as i32) << 10) >> 10
-    }
-
-    #[inline]
-    fn abs(self) -> Self {
-        self.abs()
-    }
-}
-
-/// The floor of a number below 2^21 in magnitude, and whether it is whole.
-#[inline]
-fn floor<R: Real>(v: R) -> (i32, bool) {
-    let shifted = v + R::WHOLE;
-    let nearest = shifted - R::WHOLE;
-    (shifted.low_bits() - i32::from(nearest > v), nearest == v)
-}
 
 /// A sample as a number.
 trait Sample: Copy {
@@ -180,8 +103,7 @@ impl<S: Sample> Heights for Four<'_, S> {
     }
 }
 
-/// Looks at AB, both of whose ends are over the grid with heights that [`super::sweep::TRUSTED_MAGNITUDE`] bounds. Takes
-/// rounded clearances at their word unless `SURE`.
+/// Looks at AB. Takes rounded clearances at their word unless `SURE`.
 #[inline]
 pub(super) fn glance<R, H, const SURE: bool>(
     posts: &mut Posts<'_, H>,
@@ -193,11 +115,17 @@ where
     H: HeightField + ?Sized,
 {
     let grid = posts.grid();
-    let [west, south] = [0, 1].map(|k: usize| a[k].min(b[k]) - MARGIN);
-    let [east, north] = [0, 1].map(|k: usize| a[k].max(b[k]) + MARGIN);
-    if west < 0.0 || south < 0.0 || east >= f64::from(grid.nx() - 1) || north >= f64::from(grid.ny() - 1) {
+    let last = [grid.nx(), grid.ny()].map(|posts| f64::from(posts - 1) - MARGIN);
+    // Not so for NaN.
+    let has_room = |end: [f64; 3]| {
+        let [x, y] = [0, 1].map(|k: usize| end[k] >= MARGIN && end[k] < last[k]);
+        x && y && end[2].abs() <= TRUSTED_MAGNITUDE
+    };
+    if !(has_room(a) && has_room(b)) {
         return Ok(Glance::Unsure);
     }
+    let [west, south] = [0, 1].map(|k: usize| a[k].min(b[k]) - MARGIN);
+    let [east, north] = [0, 1].map(|k: usize| a[k].max(b[k]) + MARGIN);
     let first = PageId { pi: west as u32 / PAGE_SIDE, pj: south as u32 / PAGE_SIDE };
     let last = PageId { pi: (east as u32 + 1) / PAGE_SIDE, pj: (north as u32 + 1) / PAGE_SIDE };
     let (wide, high) = (last.pi - first.pi, last.pj - first.pj);
@@ -219,16 +147,13 @@ where
 
 #[inline]
 fn over_page<R: Real, const SURE: bool>(page: &HeightPage, a: [f64; 3], b: [f64; 3]) -> Glance {
-    fn on<S: Sample, R: Real, const SURE: bool>(s: &[S], a: [f64; 3], b: [f64; 3], magnitude: f64) -> Glance {
-        s.try_into().map_or(Glance::Unsure, |s| decide::<R, _, SURE>(&One(s), a, b, magnitude))
-    }
     match page.samples() {
-        Samples::I16(s) => on::<_, R, SURE>(s, a, b, I16_MAGNITUDE),
-        Samples::I32(s) => on::<_, R, SURE>(s, a, b, I32_MAGNITUDE),
-        Samples::F64(s) => {
-            let magnitude = page.maxima().magnitude();
-            if magnitude > MOST_MAGNITUDE { Glance::Unsure } else { on::<_, R, SURE>(s, a, b, magnitude) }
-        }
+        Samples::I16(s) => decide::<R, _, SURE>(&One(s), a, b, I16_MAGNITUDE),
+        Samples::I32(s) => decide::<R, _, SURE>(&One(s), a, b, I32_MAGNITUDE),
+        Samples::F64(s) => match page.maxima().magnitude() {
+            magnitude @ ..=MOST_MAGNITUDE => decide::<R, _, SURE>(&One(s), a, b, magnitude),
+            _ => Glance::Unsure,
+        },
     }
 }
 
@@ -239,22 +164,23 @@ const I32_MAGNITUDE: f64 = 2_147_483_648.0;
 const MOST_MAGNITUDE: f64 = 1e30;
 
 fn over_pages<R: Real, const SURE: bool>(pages: [&HeightPage; 4], a: [f64; 3], b: [f64; 3]) -> Glance {
-    fn all<'p, S>(
-        pages: [&'p HeightPage; 4],
-        of: impl Fn(&'p Samples) -> Option<&'p [S]>,
-    ) -> Option<[&'p [S; PAGE_POSTS]; 4]> {
-        let [sw, se, nw, ne] = pages.map(|page| of(page.samples())?.try_into().ok());
-        Some([sw?, se?, nw?, ne?])
+    fn four<'p, S: Stored>(blocks: [&'p Block<S>; 4]) -> Four<'p, S> {
+        Four(blocks.map(|block| &**block))
     }
-    if let Some(s) = all(pages, |s| if let Samples::I16(s) = s { Some(s) } else { None }) {
-        decide::<R, _, SURE>(&Four(s), a, b, I16_MAGNITUDE)
-    } else if let Some(s) = all(pages, |s| if let Samples::I32(s) = s { Some(s) } else { None }) {
-        decide::<R, _, SURE>(&Four(s), a, b, I32_MAGNITUDE)
-    } else if let Some(s) = all(pages, |s| if let Samples::F64(s) = s { Some(s) } else { None }) {
-        let magnitude = pages.iter().fold(0.0_f64, |m, page| m.max(page.maxima().magnitude()));
-        if magnitude > MOST_MAGNITUDE { Glance::Unsure } else { decide::<R, _, SURE>(&Four(s), a, b, magnitude) }
-    } else {
-        Glance::Unsure
+    match pages.map(HeightPage::samples) {
+        [Samples::I16(sw), Samples::I16(se), Samples::I16(nw), Samples::I16(ne)] => {
+            decide::<R, _, SURE>(&four([sw, se, nw, ne]), a, b, I16_MAGNITUDE)
+        }
+        [Samples::I32(sw), Samples::I32(se), Samples::I32(nw), Samples::I32(ne)] => {
+            decide::<R, _, SURE>(&four([sw, se, nw, ne]), a, b, I32_MAGNITUDE)
+        }
+        [Samples::F64(sw), Samples::F64(se), Samples::F64(nw), Samples::F64(ne)] => {
+            match pages.iter().fold(0.0_f64, |m, page| m.max(page.maxima().magnitude())) {
+                magnitude @ ..=MOST_MAGNITUDE => decide::<R, _, SURE>(&four([sw, se, nw, ne]), a, b, magnitude),
+                _ => Glance::Unsure,
+            }
+        }
+        _ => Glance::Unsure,
     }
 }
 
@@ -299,12 +225,12 @@ fn decide<R: Real, T: Heights, const SURE: bool>(heights: &T, a: [f64; 3], b: [f
     };
     let falling =
         Crossings { ends: [ax + ay, bx + by], sums: [[ax, ay], [bx, by]], spacing: 2, per_post: 1 - stride, ..row };
+    let meet = |crossings| cross::<R, T, SURE>(heights, crossings, rise, magnitude);
     // Those with most lines first.
-    let (first, second) = if dx.abs() > dy.abs() { (column, row) } else { (row, column) };
-    for crossings in [first, second, rising, falling] {
-        if let Some(found) = cross::<R, T, SURE>(heights, &crossings, rise, magnitude) {
-            return found;
-        }
+    let met =
+        if dx.abs() > dy.abs() { meet(&column).or_else(|| meet(&row)) } else { meet(&row).or_else(|| meet(&column)) };
+    if let Some(found) = met.or_else(|| meet(&rising)).or_else(|| meet(&falling)) {
+        return found;
     }
     let above = |x, y, z| is_above::<R, T, SURE>(heights, [x, y, z], magnitude);
     if above(ax, ay, az) && above(bx, by, bz) { Glance::Clear } else { Glance::Unsure }
@@ -341,8 +267,8 @@ fn cross<R: Real, T: Heights, const SURE: bool>(
     } else {
         Bounds { clearance: R::ZERO, inner: R::ONE }
     };
-    let (mut c, step) = if forward { (first, spacing) } else { (last, -spacing) };
-    for _ in 0..=(last - first) >> (spacing / 2) {
+    let (mut c, end, step) = if forward { (first, last, spacing) } else { (last, first, -spacing) };
+    loop {
         let along = R::of_whole(c) - from;
         let (v, z) = (crossings.v + along * v_slope, rise.z + along * z_slope);
         // v rounded down, except that a whole v may become the number below: then the fraction is 1.
@@ -352,14 +278,15 @@ fn cross<R: Real, T: Heights, const SURE: bool>(
         let (p, q): (R, R) = (heights.at(n), heights.at(n + crossings.per_post));
         let clearance = z - (p + fraction * (q - p));
         let is_inside = !SURE || (fraction - R::HALF).abs() < inner;
-        if clearance > bound && is_inside {
-            c += step;
-            continue;
+        if !(clearance > bound && is_inside) {
+            let below = is_inside && clearance < R::ZERO - bound;
+            return Some(if below { Glance::Blocked } else { Glance::Unsure });
         }
-        let below = is_inside && clearance < R::ZERO - bound;
-        return Some(if below { Glance::Blocked } else { Glance::Unsure });
+        if c == end {
+            return None;
+        }
+        c += step;
     }
-    None
 }
 
 /// What a family's rounded crossings are certain to.

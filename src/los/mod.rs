@@ -34,6 +34,7 @@ pub mod naive;
 mod precision;
 mod profile;
 mod ray;
+mod real;
 mod run;
 mod skip;
 mod surface;
@@ -264,12 +265,17 @@ impl<'a, H: HeightField + ?Sized> Lines<'a, H> {
         manner: Manner,
     ) -> Result<Answer, LosError> {
         (self.walk.a, self.walk.b, self.walk.manner) = (a, b, manner);
-        let is_inside = self.walk.is_inside();
-        if !is_inside {
-            check_finite(a, ["ax", "ay", "az"])?;
-            check_finite(b, ["bx", "by", "bz"])?;
-        }
-        let met = walk::walk::<K, H>(&mut self.walk, is_inside, options.strict)?;
+        let met = match walk::at_a_glance(&mut self.walk)? {
+            Some(met) => met,
+            None => {
+                let is_inside = self.walk.is_inside();
+                if !is_inside {
+                    check_finite(a, ["ax", "ay", "az"])?;
+                    check_finite(b, ["bx", "by", "bz"])?;
+                }
+                walk::walk::<K, H>(&mut self.walk, is_inside, options.strict)?
+            }
+        };
         let blocked = met.blocked || options.strict && met.contact;
         let verdict = match (blocked, met.unknown) {
             (true, _) => Verdict::Blocked,

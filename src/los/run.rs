@@ -61,11 +61,17 @@ pub(super) fn run(sweep: &Sweep, page: &HeightPage, id: PageId, range: Range<i64
 /// fraction is within its error of 0 or 1 the crossing may lie on another edge, and is left alone. Where q - p
 /// overflows, m does when doubled, and nothing is decided.
 #[inline]
-fn run_on<S>(sweep: &Sweep, samples: &[S], page: &HeightPage, id: PageId, range: Range<i64>, unknown: &mut bool) -> Stop
+fn run_on<S>(
+    sweep: &Sweep,
+    samples: &[S; PAGE_POSTS],
+    page: &HeightPage,
+    id: PageId,
+    range: Range<i64>,
+    unknown: &mut bool,
+) -> Stop
 where
     S: Copy + Into<f64>,
 {
-    let Ok(samples) = <&[S; PAGE_POSTS]>::try_from(samples) else { return Stop::At(range.start) };
     let layout = Layout::new(sweep, id, range.start);
     let voids = page.voids();
     let magnitude = page.maxima().magnitude();

@@ -55,6 +55,22 @@ impl Met {
     }
 }
 
+/// Whether AB is no longer than [`FEW_CELLS`] along x and y.
+#[inline]
+fn is_short(a: [f64; 3], b: [f64; 3]) -> bool {
+    let [wide, high] = [0, 1].map(|k: usize| (b[k] - a[k]).abs());
+    wide.max(high) <= FEW_CELLS
+}
+
+/// What a glance settles of a short line, whatever its ends are: nearly all of them.
+#[inline]
+pub(super) fn at_a_glance<H>(walk: &mut Walk<'_, H>) -> Result<Option<Met>, ReadError>
+where
+    H: HeightField + ?Sized,
+{
+    if walk.manner.plain || !is_short(walk.a, walk.b) { Ok(None) } else { walk.glance() }
+}
+
 /// Walks AB until it is blocked (when `strict`, by contact too) or ends, passing over what the blocks settle.
 /// `is_inside` says whether [`Walk::is_inside`].
 pub(super) fn walk<K, H>(walk: &mut Walk<'_, H>, is_inside: bool, strict: bool) -> Result<Met, ReadError>
@@ -78,7 +94,8 @@ where
     Ok(met)
 }
 
-/// The same for a line that [`Walk::is_inside`]. What decides most lines at the least cost comes first.
+/// The same for a line that [`Walk::is_inside`] and was not settled [`at_a_glance`]. What decides most lines at the least
+/// cost comes first.
 fn walk_inside<K, H>(walk: &mut Walk<'_, H>, strict: bool) -> Result<Met, ReadError>
 where
     K: Kernel,
@@ -90,21 +107,7 @@ where
     let families = if wide > high { Family::ALL } else { Family::ROWS_FIRST };
     let grid = walk.posts.grid();
     let sweep = |n: usize| sweep_inside(families[n], grid, a, b);
-    let is_short = wide.max(high) <= FEW_CELLS;
-    if !is_short {
-        if skip::is_blocked_at_places(walk, &sweep(0))? {
-            return Ok(Met { blocked: true, ..met });
-        }
-        if skip::is_clear(walk, &mut met)? {
-            return Ok(met);
-        }
-    }
-    match walk.glance()? {
-        Glance::Clear => return Ok(met),
-        Glance::Blocked => return Ok(Met { blocked: true, ..met }),
-        Glance::Unsure => {}
-    }
-    if is_short {
+    if is_short(a, b) {
         for n in 0..families.len() {
             let sweep = sweep(n);
             if !walk.take::<K>(&sweep, 0..sweep.count, strict, &mut met)? {
@@ -112,6 +115,15 @@ where
             }
         }
     } else {
+        if skip::is_blocked_at_places(walk, &sweep(0))? {
+            return Ok(Met { blocked: true, ..met });
+        }
+        if skip::is_clear(walk, &mut met)? {
+            return Ok(met);
+        }
+        if let Some(met) = walk.glance()? {
+            return Ok(met);
+        }
         let sweeps = [0, 1, 2, 3].map(sweep);
         if !skip::walk::<K, H>(walk, &sweeps, Span::ALL, strict, &mut met)? {
             walk_all::<K, H>(walk, &sweeps, strict, &mut met)?;
@@ -220,15 +232,20 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         Ok(true)
     }
 
-    /// What a [`glance`] says of a line that is inside.
+    /// All that AB meets, where a [`glance`] tells.
     #[inline]
-    fn glance(&mut self) -> Result<Glance, ReadError> {
+    fn glance(&mut self) -> Result<Option<Met>, ReadError> {
         let (a, b) = (self.a, self.b);
-        match self.manner.rung {
+        let glance = match self.manner.rung {
             Rung::Sure => glance::glance::<f64, H, true>(&mut self.posts, a, b),
             Rung::Rounded => glance::glance::<f64, H, false>(&mut self.posts, a, b),
             Rung::Fast => glance::glance::<f32, H, false>(&mut self.posts, a, b),
-        }
+        };
+        Ok(match glance? {
+            Glance::Clear => Some(Met::default()),
+            Glance::Blocked => Some(Met { blocked: true, ..Met::default() }),
+            Glance::Unsure => None,
+        })
     }
 
     /// Whether both ends are over the grid, with no coordinate so small that sums might be subnormal and no height so

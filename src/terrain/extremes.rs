@@ -149,9 +149,9 @@ impl BlockMaxima {
         let first = FIRST_BLOCK[FINEST as usize];
         let mut z = vec![f32::NEG_INFINITY; FIRST_BLOCK[FINEST as usize - 1]];
         let (least, greatest) = match samples {
-            Samples::I16(s) => fill(s, FINEST, &mut z[first..]),
-            Samples::I32(s) => fill(s, FINEST, &mut z[first..]),
-            Samples::F64(s) => fill(s, FINEST, &mut z[first..]),
+            Samples::I16(s) => fill(&**s, FINEST, &mut z[first..]),
+            Samples::I32(s) => fill(&**s, FINEST, &mut z[first..]),
+            Samples::F64(s) => fill(&**s, FINEST, &mut z[first..]),
         };
         let mut void = vec![false; if voids.is_some() { z.len() } else { 0 }];
         for n in voids.into_iter().flat_map(|v| (0..PAGE_POSTS).filter(|n| v[n / 64] >> (n % 64) & 1 == 1)) {

@@ -5,7 +5,10 @@ use std::sync::{Arc, OnceLock};
 use sightline_proto::diamond::{Post, RootSquare};
 use thiserror::Error;
 
-use super::extremes::{BlockMaxima, ExtremesPage};
+use super::{
+    block::Block,
+    extremes::{BlockMaxima, ExtremesPage},
+};
 
 /// Posts along the side of a page.
 pub const PAGE_SIDE: u32 = 64;
@@ -120,23 +123,22 @@ pub enum ReadError {
 #[derive(Clone, Debug)]
 pub enum Samples {
     /// 16-bit integers.
-    I16(Box<[i16]>),
+    I16(Block<i16>),
     /// 32-bit integers.
-    I32(Box<[i32]>),
+    I32(Block<i32>),
     /// Any finite f64.
-    F64(Box<[f64]>),
+    F64(Block<f64>),
 }
 
 impl Samples {
     /// Heights, [`PAGE_POSTS`] of them, in the narrowest type that holds them to the last bit.
     pub(super) fn narrowest(heights: Vec<f64>) -> Self {
-        if let Some(small) = heights.iter().map(|&z| whole(z).and_then(|n| n.try_into().ok())).collect() {
-            return Self::I16(small);
+        let small: Option<Vec<i16>> = heights.iter().map(|&z| whole(z).and_then(|n| n.try_into().ok())).collect();
+        if let Some(small) = small {
+            return Self::I16(small.into());
         }
-        match heights.iter().map(|&z| whole(z)).collect() {
-            Some(whole) => Self::I32(whole),
-            None => Self::F64(heights.into()),
-        }
+        let whole: Option<Vec<i32>> = heights.iter().map(|&z| whole(z)).collect();
+        whole.map_or_else(|| Self::F64(heights.into()), |whole| Self::I32(whole.into()))
     }
 }
 
@@ -152,29 +154,20 @@ pub struct HeightPage {
     samples: Samples,
     /// One bit a post, set where void; `None` when no post of the page is.
     voids: Option<Box<[u64; PAGE_POSTS / 64]>>,
-    /// Found when they are first asked for.
-    maxima: OnceLock<BlockMaxima>,
+    /// Found when they are first asked for. Apart, so that what every reader looks at is small.
+    maxima: OnceLock<Box<BlockMaxima>>,
 }
 
 impl HeightPage {
     /// A page of samples and, where some are void, their bits.
-    ///
-    /// # Panics
-    /// When there are not [`PAGE_POSTS`] samples: that is the caller's defect, not the input's.
     pub fn new(samples: Samples, voids: Option<Box<[u64; PAGE_POSTS / 64]>>) -> Self {
-        let len = match &samples {
-            Samples::I16(s) => s.len(),
-            Samples::I32(s) => s.len(),
-            Samples::F64(s) => s.len(),
-        };
-        assert_eq!(len, PAGE_POSTS);
         Self { samples, voids, maxima: OnceLock::new() }
     }
 
     /// The greatest heights of its blocks.
     #[inline]
     pub fn maxima(&self) -> &BlockMaxima {
-        self.maxima.get_or_init(|| BlockMaxima::of_heights(&self.samples, self.voids.as_deref()))
+        self.maxima.get_or_init(|| Box::new(BlockMaxima::of_heights(&self.samples, self.voids.as_deref())))
     }
 
     /// The heights.
@@ -303,10 +296,14 @@ impl<'a, H: HeightField + ?Sized> Posts<'a, H> {
     pub(crate) fn window(&mut self, first: PageId, last: PageId) -> Result<[&HeightPage; 4], ReadError> {
         let ids = [(first.pi, first.pj), (last.pi, first.pj), (first.pi, last.pj), (last.pi, last.pj)]
             .map(|(pi, pj)| PageId { pi, pj });
+        let field = self.field;
+        if let [Some(sw), Some(se), Some(nw), Some(ne)] = ids.map(|id| field.resident(id)) {
+            return Ok([sw, se, nw, ne]);
+        }
         for id in ids {
             self.page(id)?;
         }
-        Ok(ids.map(|id| match (self.field.resident(id), &self.slots[slot_of(id)]) {
+        Ok(ids.map(|id| match (field.resident(id), &self.slots[slot_of(id)]) {
             (Some(page), _) => page,
             (None, Some((_, page))) => &**page,
             (None, None) => unreachable!("the slots of pages so close are different ones, and were filled above"),

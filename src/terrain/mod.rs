@@ -3,12 +3,14 @@
 //! Everything below this module sees terrain through [`HeightField`]. Heights are exact f64 values in height units
 //! (a database's are integers); reads go by page and may fail; nothing holds a terrain as one slice.
 
+mod block;
 pub mod extremes;
 mod field;
 mod georeference;
 mod memory;
 pub mod synthetic;
 
+pub use block::{Block, Stored};
 pub use field::{
     DrawnPost, Grid, GridError, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Posts, ReadError, Samples,
 };
