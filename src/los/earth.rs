@@ -77,6 +77,12 @@ impl Earth {
         }
     }
 
+    /// By how much a line between these ends in plan is lowered at `t`, as a part of it, in height units: within some
+    /// ten roundings.
+    pub fn bulge(self, a: [f64; 2], b: [f64; 2], t: f64) -> f64 {
+        Line::new([a[0], a[1], 0.0], [b[0], b[1], 0.0], self).bulge(t)
+    }
+
     /// Whether lines are straight.
     pub fn is_flat(self) -> bool {
         self.coefficients() == [0.0; 2]

@@ -107,6 +107,34 @@ fn a_profile_has_every_break_as_a_table_and_as_a_plot() {
     assert_eq!(status(&both), 2);
 }
 
+/// 80 m long and half a unit above the ridge: a sphere of 1000 m lowers the line there by 0.8 m.
+#[test]
+fn a_profile_over_a_curved_earth_has_the_line_lowered_by_its_bulge() {
+    let (folder, database) = place();
+    let ends = ["--from", "100,220,4.5", "--to", "180,220,4.5"];
+    let profile =
+        |more: &[&str], out: &str| run(&[&["profile", name(&database)][..], &ends, more, &["-o", out]].concat());
+    let middle = |more: &[&str]| {
+        let csv = profile(more, "-");
+        csv.lines().nth(5).unwrap().split(',').map(str::to_owned).collect::<Vec<_>>()
+    };
+    let sphere = ["--earth", "sphere", "--earth-radius", "1000"];
+    assert_eq!(middle(&[])[4..8], ["4", "4.5", "0.5", "ABOVE"]);
+    let found = middle(&sphere);
+    assert_eq!((found[4].as_str(), found[7].as_str()), ("4", "BELOW"));
+    let [line, clearance] = [5, 6].map(|column: usize| found[column].parse::<f64>().unwrap());
+    assert!((line - 3.7).abs() < 1e-12 && (clearance + 0.3).abs() < 1e-12, "{found:?}");
+    assert_eq!(middle(&[&sphere[..], &["--refraction", "2"]].concat())[7], "ABOVE");
+    let file = folder.path().join("curved.json");
+    profile(&sphere, name(&file));
+    let document: serde_json::Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    assert_eq!(document["verdict"], "BLOCKED");
+    let states: Vec<_> = document["line"].as_array().unwrap().iter().map(|s| s["state"].as_str().unwrap()).collect();
+    assert_eq!(states, ["ABOVE", "BELOW", "ABOVE"]);
+    let refused = ["profile", name(&database), "--earth", "sphere", "--earth-radius", "0", "-o", "-"];
+    assert_eq!(status(&sightline(&[&refused[..], &ends].concat())), 2);
+}
+
 #[test]
 fn heights_are_told_for_one_point_and_for_a_file() {
     let (folder, database) = place();

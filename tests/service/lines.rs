@@ -186,10 +186,25 @@ async fn rays_horizons_profiles_and_normals_are_those_of_the_library() {
     let nan = v1::QueryHorizonRequest { azimuths_deg: vec![0.0, f64::NAN], ..request };
     refusal(client.horizon(nan).await, Code::InvalidArgument, "azimuths_deg[1]");
     let frame = v1::CoordinateFrame::Grid.into();
-    let request = v1::QueryProfileRequest { frame, ax: 0.5, ay: 3.0, bx: 60.0, by: 41.0 };
+    let request = v1::QueryProfileRequest { frame, ax: 0.5, ay: 3.0, bx: 60.0, by: 41.0, options: None };
     let answer = client.profile(request).await.unwrap();
     let expected = los::profile(&*field, [0.5, 3.0], [60.0, 41.0], 10_000).unwrap();
     assert_eq!(answer.ground, expected.iter().map(|b| b.ground.unwrap_or(0.0)).collect::<Vec<_>>());
+    assert!(answer.bulge.is_empty());
+    let sphere = Some(v1::SphericalEarth { radius_m: 5e4, refraction: 1.25 });
+    let over = |precision: v1::Precision| {
+        let options = Some(v1::QueryOptions { precision: precision.into(), sphere, ..Default::default() });
+        client.profile(v1::QueryProfileRequest { options, ..request })
+    };
+    let curved = over(v1::Precision::Exact).await.unwrap();
+    assert_eq!((&curved.ground, &curved.t), (&answer.ground, &answer.t));
+    let [dx, dy] = [59.5 * SCALE.east_m, 38.0 * SCALE.north_m];
+    for (t, bulge) in curved.t.iter().zip(&curved.bulge) {
+        let expected = t * (1.0 - t) * (dx * dx + dy * dy) / (2.0 * 1.25 * 5e4 * SCALE.up_m);
+        assert!((bulge - expected).abs() <= 1e-12 * expected, "{t}: {bulge}, not {expected}");
+    }
+    assert!(curved.bulge.len() == curved.t.len() && curved.bulge.iter().any(|&bulge| bulge > 1.0));
+    refusal(over(v1::Precision::Fast).await, Code::InvalidArgument, "PRECISION_EXACT");
     let request = v1::GetHeightsRequest { frame, x: vec![4.25, -1.0], y: vec![5.5, 0.0], normals: true };
     let answer = client.heights(request).await.unwrap();
     let [east, north, up] = los::ground(&*field, SCALE, 4.25, 5.5).unwrap().unwrap().normal.unwrap();

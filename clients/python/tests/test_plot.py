@@ -20,7 +20,8 @@ def test_a_profile(server: sightline.Client) -> None:
     earth, line = axes.lines
     assert np.nanmax(earth.get_xdata()) == pytest.approx((NX - 1) * CELL_M)
     assert np.isnan(earth.get_ydata()).any(), "the void is a gap"
-    assert line.get_ydata().tolist() == [150, 90]
+    assert line.get_ydata()[[0, -1]].tolist() == [150, 90]
+    assert np.diff(line.get_ydata(), 2) == pytest.approx(0, abs=1e-9), "a straight line"
 
 
 def test_a_viewshed(server: sightline.Client) -> None:

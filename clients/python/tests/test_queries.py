@@ -145,6 +145,11 @@ def test_a_profile_passes_through_the_posts_of_its_row(server: sightline.Client)
     assert found.t[0] == 0 and found.t[-1] == 1 and (np.diff(found.t) > 0).all()
     gap = server.profile((VOID[0] - 3, VOID[1]), (VOID[0] + 3, VOID[1]), frame="grid")
     assert not gap.known_after[:-1].all() and np.isnan(gap.ground).sum() == 1
+    assert not found.bulge.any()
+    curved = server.profile((0, 30), (NX - 1, 30), frame="grid", earth_radius_m=1e5)
+    assert (curved.ground == found.ground).all()
+    length_m = (NX - 1) * CELL_M
+    assert curved.bulge == pytest.approx(curved.t * (1 - curved.t) * length_m**2 / 2e5)
 
 
 def test_a_viewshed_is_what_single_lines_say(server: sightline.Client) -> None:

@@ -164,15 +164,14 @@ impl Profile {
         let [a, b] = ends;
         let scale = site.scale;
         let options = Options { earth, ..Options::default() };
-        let [bend_east, bend_north] = earth.coefficients();
-        let (across, along) = (b[0] - a[0], b[1] - a[1]);
+        let plan = |[x, y, _]: [f64; 3]| [x, y];
         let sight = Sight {
             ends_m: [a[2] * scale.up_m, b[2] * scale.up_m],
-            bend_m: (across * across * bend_east + along * along * bend_north) * scale.up_m,
+            bend_m: 4.0 * earth.bulge(plan(a), plan(b), 0.5) * scale.up_m,
         };
         let (east, north) = ((b[0] - a[0]) * scale.east_m, (b[1] - a[1]) * scale.north_m);
         let range_m = (east * east + north * north).sqrt();
-        let breaks = los::profile(database, [a[0], a[1]], [b[0], b[1]], MAX_BREAKS)?;
+        let breaks = los::profile(database, plan(a), plan(b), MAX_BREAKS)?;
         let rows = breaks.iter().map(|found| {
             let [x, y] = found.point;
             Row {
@@ -191,7 +190,7 @@ impl Profile {
             sight,
             rows: rows.collect(),
             line: los::line_stretches(database, a, b, earth)?,
-            ground: los::ground_stretches(database, a, [b[0], b[1]], earth)?,
+            ground: los::ground_stretches(database, a, plan(b), earth)?,
             derived: los::derive(database, a, b, options)?,
         })
     }

@@ -89,6 +89,7 @@ pub(super) fn profile(
     site: &Site,
     request: v1::QueryProfileRequest,
 ) -> Result<v1::QueryProfileResponse, Status> {
+    let earth = convert::exact_options(request.options.as_ref(), site)?.earth;
     let frame = convert::frame(request.frame)?;
     let end = |x, y| site.grid_from_plan(frame, x, y).map_err(IntoStatus::into_status);
     let (a, b) = (end(request.ax, request.ay)?, end(request.bx, request.by)?);
@@ -104,6 +105,9 @@ pub(super) fn profile(
         response.ground.push(stop.ground.unwrap_or(0.0));
         response.known.push(stop.ground.is_some());
         response.known_after.push(stop.known_after);
+        if !earth.is_flat() {
+            response.bulge.push(earth.bulge(a, b, stop.t));
+        }
     }
     Ok(response)
 }

@@ -331,11 +331,16 @@ class Client:
         request.azimuths_deg.extend(azimuths.tolist())
         return convert.horizon(await self._one(self._lines.QueryHorizon(request, **self._call())), azimuths)
 
-    async def profile(self, a: npt.ArrayLike, b: npt.ArrayLike, *, frame: Frame = "map") -> Profile:
+    async def profile(
+        self, a: npt.ArrayLike, b: npt.ArrayLike, *, frame: Frame = "map", earth_radius_m: float | None = None
+    ) -> Profile:
         """Every vertex of the ground under the line from `a` to `b`, plan positions (2,) in `frame`."""
         ends = convert.columns(np.stack([np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)]), 2)
         (ax, ay), (bx, by) = ends.tolist()
-        request = line_of_sight_pb2.QueryProfileRequest(frame=convert.frame(frame), ax=ax, ay=ay, bx=bx, by=by)
+        options = convert.options("exact", earth_radius_m)
+        request = line_of_sight_pb2.QueryProfileRequest(
+            frame=convert.frame(frame), ax=ax, ay=ay, bx=bx, by=by, options=options
+        )
         return convert.profile(await self._one(self._lines.QueryProfile(request, **self._call())))
 
     async def viewshed(

@@ -315,13 +315,14 @@ def horizon(wire: los.QueryHorizonResponse, azimuths_deg: Floats) -> Horizon:
 
 def profile(wire: los.QueryProfileResponse) -> Profile:
     """The ground under a line."""
-    _same_length(wire.t, wire.x, wire.y, wire.ground, wire.known, wire.known_after)
+    _same_length(wire.t, wire.x, wire.y, wire.ground, wire.known, wire.known_after, wire.bulge or wire.t)
     return Profile(
         t=_floats(wire.t),
         x=_floats(wire.x),
         y=_floats(wire.y),
         ground=_floats(wire.ground, np.array(wire.known, dtype=np.bool_)),
         known_after=np.array(wire.known_after, dtype=np.bool_),
+        bulge=_floats(wire.bulge) if wire.bulge else np.zeros(len(wire.t)),
     )
 
 

@@ -33,7 +33,7 @@ def profile(
 ) -> Axes:
     """The ground under a line: distance in metres to the right, height in metres upward; gaps where it is unknown.
 
-    `line_z`, the heights of a line's ends in height units, draws the line too.
+    `line_z`, the heights of a line's ends in height units, draws the line too, lowered as the profile says.
     """
     ax: Axes = _axes(axes)
     east, north, up = terrain.scale
@@ -43,8 +43,8 @@ def profile(
     gaps = np.flatnonzero(~ground.known_after[:-1]) + 1
     ax.plot(np.insert(distance, gaps, np.nan), np.insert(ground.ground * up, gaps, np.nan), color="#5c4033", lw=1)
     if line_z is not None and ground.t.size > 1:
-        along = np.array(line_z[0]) + (line_z[1] - line_z[0]) * ground.t[[0, -1]]
-        ax.plot(distance[[0, -1]], along * up, color="#1971c2", lw=1.2)
+        along = line_z[0] + (line_z[1] - line_z[0]) * ground.t - ground.bulge
+        ax.plot(distance, along * up, color="#1971c2", lw=1.2)
     ax.set_xlabel("distance (m)")
     ax.set_ylabel("height (m)")
     return ax

@@ -251,6 +251,8 @@ class Profile:
     """(n,), height units; NaN where unknown."""
     known_after: Bools
     """(n,), whether all ground up to the next break is known; False for the last."""
+    bulge: Floats
+    """(n,), height units by which a curved Earth lowers the line there; zeros on a flat one."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -287,34 +287,38 @@ class QueryHorizonResponse(_message.Message):
     def __init__(self, resolved: _Optional[_Union[_common_pb2.Position, _Mapping]] = ..., known: _Optional[_Iterable[bool]] = ..., elevation_deg: _Optional[_Iterable[float]] = ..., range_m: _Optional[_Iterable[float]] = ..., over_unknown: _Optional[_Iterable[bool]] = ..., below_ground: bool = ...) -> None: ...
 
 class QueryProfileRequest(_message.Message):
-    __slots__ = ("frame", "ax", "ay", "bx", "by")
+    __slots__ = ("frame", "ax", "ay", "bx", "by", "options")
     FRAME_FIELD_NUMBER: _ClassVar[int]
     AX_FIELD_NUMBER: _ClassVar[int]
     AY_FIELD_NUMBER: _ClassVar[int]
     BX_FIELD_NUMBER: _ClassVar[int]
     BY_FIELD_NUMBER: _ClassVar[int]
+    OPTIONS_FIELD_NUMBER: _ClassVar[int]
     frame: _common_pb2.CoordinateFrame
     ax: float
     ay: float
     bx: float
     by: float
-    def __init__(self, frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., ax: _Optional[float] = ..., ay: _Optional[float] = ..., bx: _Optional[float] = ..., by: _Optional[float] = ...) -> None: ...
+    options: QueryOptions
+    def __init__(self, frame: _Optional[_Union[_common_pb2.CoordinateFrame, str]] = ..., ax: _Optional[float] = ..., ay: _Optional[float] = ..., bx: _Optional[float] = ..., by: _Optional[float] = ..., options: _Optional[_Union[QueryOptions, _Mapping]] = ...) -> None: ...
 
 class QueryProfileResponse(_message.Message):
-    __slots__ = ("t", "x", "y", "ground", "known", "known_after")
+    __slots__ = ("t", "x", "y", "ground", "known", "known_after", "bulge")
     T_FIELD_NUMBER: _ClassVar[int]
     X_FIELD_NUMBER: _ClassVar[int]
     Y_FIELD_NUMBER: _ClassVar[int]
     GROUND_FIELD_NUMBER: _ClassVar[int]
     KNOWN_FIELD_NUMBER: _ClassVar[int]
     KNOWN_AFTER_FIELD_NUMBER: _ClassVar[int]
+    BULGE_FIELD_NUMBER: _ClassVar[int]
     t: _containers.RepeatedScalarFieldContainer[float]
     x: _containers.RepeatedScalarFieldContainer[float]
     y: _containers.RepeatedScalarFieldContainer[float]
     ground: _containers.RepeatedScalarFieldContainer[float]
     known: _containers.RepeatedScalarFieldContainer[bool]
     known_after: _containers.RepeatedScalarFieldContainer[bool]
-    def __init__(self, t: _Optional[_Iterable[float]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., ground: _Optional[_Iterable[float]] = ..., known: _Optional[_Iterable[bool]] = ..., known_after: _Optional[_Iterable[bool]] = ...) -> None: ...
+    bulge: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, t: _Optional[_Iterable[float]] = ..., x: _Optional[_Iterable[float]] = ..., y: _Optional[_Iterable[float]] = ..., ground: _Optional[_Iterable[float]] = ..., known: _Optional[_Iterable[bool]] = ..., known_after: _Optional[_Iterable[bool]] = ..., bulge: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class QueryViewshedRequest(_message.Message):
     __slots__ = ("observer", "target_height_m", "radius_m", "rectangle", "strict", "options")
