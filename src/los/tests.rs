@@ -321,6 +321,33 @@ fn batches_keep_the_order() {
     assert_eq!(line_of_sight_batch(&field, &[], Options::default()).unwrap(), []);
 }
 
+/// Large batches over several pages are asked in another order than they came in.
+#[test]
+fn sorted_batches_keep_the_order_and_name_the_first_error_in_it() {
+    let field = synthetic::fractal(300, 200, 1, 60).unwrap();
+    let mut lines: Vec<_> = (0..3_000_u64)
+        .map(|n| {
+            let at = |k, below: u64| (synthetic::mix(n * 8 + k) % below) as f64;
+            [[at(0, 299), at(1, 199), at(2, 90)], [at(3, 299), at(4, 199), at(5, 90)]]
+        })
+        .collect();
+    let order = batch_order(field.grid(), &lines);
+    assert!(order.windows(2).filter(|pair| pair[0] > pair[1]).count() > 10, "it is sorted");
+    let options = Options::default();
+    let alone: Vec<_> = lines.iter().map(|&[a, b]| line_of_sight(&field, a, b, options).unwrap()).collect();
+    assert_eq!(line_of_sight_batch(&field, &lines, options).unwrap(), alone);
+    // In the north-east, so asked late, and where numbers that are not end up, early.
+    lines[1_500] = [[290.0, 190.0, 1.0], [280.0, 180.0, f64::INFINITY]];
+    (lines[2_900][0][0], lines[1_600][1][1]) = (f64::NAN, f64::NAN);
+    let order = batch_order(field.grid(), &lines);
+    let place = |n: u32| order.iter().position(|&asked| asked == n);
+    assert!(place(2_900) < place(1_500), "the first error is not the first to be met");
+    match line_of_sight_batch(&field, &lines, options) {
+        Err(LosError::NotFinite { what: "bz", value }) => assert_eq!(value, f64::INFINITY),
+        other => panic!("{other:?}"),
+    }
+}
+
 #[test]
 fn what_is_not_finite_is_refused() {
     let field = synthetic::plane(4, 4, 0, 0).unwrap();
