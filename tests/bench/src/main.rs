@@ -5,10 +5,10 @@
 //! `cargo run --release --manifest-path tests/bench/Cargo.toml -- [DATABASE] [SIDE]`: a synthetic terrain by default,
 //! or the south-western SIDE x SIDE posts (4097) of a database.
 //!
-//! With `--only exact|grid --lines long|short --rounds N` nothing else is asked, so that `valgrind --tool=callgrind`
-//! tells instructions: those of one round are the difference between N = 1 and N = 0. With `--export FOLDER` the
-//! heights (f32, row by row from the south) and the lines (f64, six each) are written for `embree.py`. An answer is wrong when it is not the exact walk's and
-//! raising and lowering the line by a millionth of a height unit does not change that one.
+//! With `--only exact|batch|grid --lines long|short [--count N]` nothing else is asked, and all in the function
+//! [`measured`], for `instructions.sh` to count. With `--export FOLDER` the heights (f32, row by row from the south) and
+//! the lines (f64, six each) are written for `embree.py`. An answer is wrong when it is not the exact walk's and raising
+//! and lowering the line by a millionth of a height unit does not change that one.
 
 mod grid_walk;
 mod parry;
@@ -52,7 +52,7 @@ struct Asked {
     side: Option<u32>,
     only: Option<String>,
     lines: Option<String>,
-    rounds: Option<usize>,
+    count: Option<u64>,
     export: Option<String>,
 }
 
@@ -65,7 +65,7 @@ impl Asked {
             match argument.as_str() {
                 "--only" => asked.only = Some(value()?),
                 "--lines" => asked.lines = Some(value()?),
-                "--rounds" => asked.rounds = Some(value()?.parse()?),
+                "--count" => asked.count = Some(value()?.parse()?),
                 "--export" => asked.export = Some(value()?),
                 _ if asked.database.is_none() => asked.database = Some(argument),
                 _ => asked.side = Some(argument.parse()?),
@@ -78,11 +78,14 @@ impl Asked {
 fn main() -> Result<(), Box<dyn Error>> {
     let asked = Asked::parse()?;
     let side = asked.side.unwrap_or(4097);
-    let (field, post_m, unit_m) = match &asked.database {
-        Some(path) => {
-            let database = Database::open(Path::new(path), OpenOptions::default())?;
+    let database = match &asked.database {
+        Some(path) => Some(Database::open(Path::new(path), OpenOptions::default())?),
+        None => None,
+    };
+    let (field, post_m, unit_m) = match &database {
+        Some(database) => {
             let scale = database.scale();
-            let field = cut(&database, [0, 0], side, |post| (!post.void).then_some(post.z))?;
+            let field = cut(database, [0, 0], side, |post| (!post.void).then_some(post.z))?;
             (field, [scale.east_m, scale.north_m], scale.up_m)
         }
         None => (synthetic::fractal(side, side, 1, 1000)?, [SYNTHETIC_POST_M; 2], 1.0),
@@ -93,24 +96,25 @@ fn main() -> Result<(), Box<dyn Error>> {
         if asked.lines.as_ref().is_some_and(|only| only != name) {
             continue;
         }
+        let count = asked.count.unwrap_or(count);
         let lines = draw(&field, count, reach_m, post_m, ABOVE_M / unit_m)?;
         if let Some(folder) = &asked.export {
             export(Path::new(folder), name, &grid_walk, &lines)?;
         } else if let Some(only) = &asked.only {
-            let mut own = Lines::new(&field);
-            for _ in 0..asked.rounds.unwrap_or(1) {
-                let blocked = lines.iter().filter(|&&[a, b]| match only.as_str() {
-                    "grid" => grid_walk.is_blocked([a, b]),
-                    _ => own.ask(a, b, EXACT).is_ok_and(|answer| answer.verdict == Verdict::Blocked),
-                });
-                println!("{name}, {only}: {} of {} blocked", blocked.count(), lines.len());
-            }
+            let mut way = match only.as_str() {
+                "grid" => one_by_one("grid", &lines, |&line| grid_walk.is_blocked(line)),
+                "batch" => batch("batch", 1, &field, &lines)?,
+                _ => by("exact", &field, &lines, EXACT),
+            };
+            let blocked = if only == "batch" { (way.ask)() } else { measured(|| (way.ask)()) };
+            let blocked = blocked.into_iter().filter(|blocked| *blocked).count();
+            println!("{name}, {only}: {blocked} of {} blocked", lines.len());
         } else {
             let parry = match &parry {
                 Some(parry) => parry,
                 None => parry.insert(Parry::new(&field)?),
             };
-            compare(name, &field, &grid_walk, parry, &lines)?;
+            compare(name, &field, database.as_ref(), &grid_walk, parry, &lines)?;
         }
     }
     Ok(())
@@ -175,6 +179,18 @@ fn is_blocked<E>(answer: Result<Answer, E>) -> bool {
     answer.is_ok_and(|answer| answer.verdict == Verdict::Blocked)
 }
 
+/// All that `instructions.sh` counts.
+#[inline(never)]
+fn measured<T>(ask: impl FnOnce() -> T) -> T {
+    ask()
+}
+
+/// The product, one line after the other.
+fn by<'a, H: HeightField>(name: &'static str, field: &'a H, lines: &'a [Line], options: Options) -> Way<'a> {
+    let mut own = Lines::new(field);
+    one_by_one(name, lines, move |&[a, b]| is_blocked(own.ask(a, b, options)))
+}
+
 /// Batches on so many cores.
 fn batch<'a>(
     name: &'static str,
@@ -184,7 +200,7 @@ fn batch<'a>(
 ) -> Result<Way<'a>, Box<dyn Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(cores).build()?;
     let ask = move || {
-        let answers = pool.install(|| line_of_sight_batch(field, lines, EXACT)).unwrap_or_default();
+        let answers = pool.install(|| measured(|| line_of_sight_batch(field, lines, EXACT))).unwrap_or_default();
         answers.iter().map(|answer| answer.verdict == Verdict::Blocked).collect()
     };
     Ok(Way { name, ask: Box::new(ask) })
@@ -193,28 +209,26 @@ fn batch<'a>(
 fn compare(
     what: &str,
     field: &MemoryField,
+    database: Option<&Database>,
     grid_walk: &GridWalk,
     parry: &Parry,
     lines: &[Line],
 ) -> Result<(), Box<dyn Error>> {
     let exactly = |[a, b]: Line| is_blocked(Lines::plain(field).ask(a, b, EXACT));
-    let by = |name, options: Options| {
-        let mut own = Lines::new(field);
-        one_by_one(name, lines, move |&[a, b]| is_blocked(own.ask(a, b, options)))
-    };
     let mut plain = Lines::plain(field);
-    let mut ways = [
+    let mut ways = vec![
         one_by_one("plain exact walk", lines, move |&[a, b]| is_blocked(plain.ask(a, b, EXACT))),
         one_by_one("grid walk, f64", lines, |&line| grid_walk.is_blocked(line)),
         one_by_one("parry3d, f64", lines, |&line| parry.is_blocked(line)),
         batch("exact, batch", 1, field, lines)?,
         batch("exact, two cores", 2, field, lines)?,
-        by("exact", EXACT),
-        by("f64", F64),
-        by("fast", FAST),
-        by("within 1 unit", TOLERANT),
+        by("exact", field, lines, EXACT),
+        by("f64", field, lines, F64),
+        by("fast", field, lines, FAST),
+        by("within 1 unit", field, lines, TOLERANT),
     ];
-    let mut seconds = [f64::INFINITY; 9];
+    ways.extend(database.map(|database| by("exact, from a file", database, lines, EXACT)));
+    let mut seconds = vec![f64::INFINITY; ways.len()];
     let mut blocked = vec![Vec::new(); ways.len()];
     for _ in 0..ROUNDS {
         for (n, way) in ways.iter_mut().enumerate() {
