@@ -92,13 +92,18 @@ fn lines(outcome: &Outcome, database: &Database) -> Vec<Mark> {
     outcome.last.lines.values().filter_map(mark).collect()
 }
 
-/// The posts that a client's mesh has for its sight lines: those that its plain mesh lacks.
+/// The posts of the theatre that a client's mesh has for its sight lines: those that its plain mesh lacks.
 fn splits(outcome: &Outcome, database: &Database) -> Vec<Mark> {
     let mut marks = Vec::new();
     for meshes in &outcome.meshes {
         let (Some(lines), Some(plain)) = (&meshes.lines, &meshes.plain) else { continue };
         let plain: BTreeMap<_, _> = plain.iter().copied().collect();
-        for (p, height) in lines.iter().filter(|(p, _)| !plain.contains_key(p)) {
+        let [low, high] = outcome.scenario.theatre;
+        let is_on_map = |p: Post| {
+            let (x, y) = (f64::from(p.i), f64::from(p.j));
+            (low[0]..=high[0]).contains(&x) && (low[1]..=high[1]).contains(&y)
+        };
+        for (p, height) in lines.iter().filter(|(p, _)| is_on_map(*p) && !plain.contains_key(p)) {
             let at = in_scene(database, [f64::from(p.i), f64::from(p.j), f64::from(*height)]);
             marks.push(Mark { a: at, b: at, kind: MarkKind::Split });
         }

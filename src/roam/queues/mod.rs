@@ -142,13 +142,6 @@ impl<T: Terrain> DualQueue<T> {
         }
     }
 
-    /// Height and tight thickness of an active post that is no corner.
-    #[inline]
-    pub(super) fn active_at(&self, p: Post) -> Option<(f64, f32)> {
-        let node = self.nodes.get(self.nodes.slot(p)?);
-        node.active.then_some((node.z, node.tight))
-    }
-
     /// The tight thickness of the diamond at `p`, from the mesh if it holds the post.
     pub(super) fn tight(&self, p: Post) -> Result<f32, ReadError> {
         match self.nodes.slot(p) {

@@ -10,7 +10,6 @@ use sightline_proto::{
 
 use super::{
     RequiredLine,
-    clear::is_clear,
     ground::Ground,
     near::may_touch,
     rule::Rule,
@@ -107,7 +106,6 @@ impl Entry {
                 self.cover = self.cover.filter(|triangle| covers(mesh, triangle, &self.line));
                 self.cover.is_some() || self.cover_now(mesh)
             }
-            Rule::Clear => is_clear(mesh, &self.line),
             _ => self.rule.holds(mesh, &self.line)?,
         };
         Ok(())

@@ -10,7 +10,6 @@
 //! up where it is no longer needed. The same sequence of updates gives the same meshes, bit for bit.
 
 mod aim;
-mod clear;
 mod draft;
 mod engine;
 mod entry;
