@@ -9,8 +9,8 @@ less that for a viewshed of a few cells, so reading and writing a million cells 
 rings of cells around the observer, so it answers about another surface than ours.
 """
 
-import os
 import pathlib
+import resource
 import subprocess
 import sys
 import tempfile
@@ -23,11 +23,10 @@ def seconds(source: pathlib.Path, view: list[str], out: str, reach: float) -> fl
     command += ["-cc", "0", "-vv", "1", "-iv", "0", "-of", "ENVI", str(source), out]
     least = float("inf")
     for _ in range(3):
-        before = os.times()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        after = os.times()
-        spent = after.children_user - before.children_user + after.children_system - before.children_system
-        least = min(least, spent)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        least = min(least, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
     return least
 
 
