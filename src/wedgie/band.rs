@@ -53,6 +53,16 @@ impl Band {
         self.grid
     }
 
+    /// The rows at hand, from the south.
+    pub(super) fn rows(&self) -> impl Iterator<Item = &[f64]> {
+        self.z.chunks(self.grid.nx() as usize)
+    }
+
+    /// Which row the first at hand is.
+    pub(super) fn first(&self) -> u32 {
+        self.first
+    }
+
     /// Row `j`, from the west; of padding, the nearest row.
     #[inline]
     pub(super) fn row(&self, j: u32) -> &[f64] {
@@ -69,7 +79,7 @@ impl Band {
     }
 }
 
-impl Heights for Band {
+impl Heights for &Band {
     #[inline]
     fn z(&mut self, p: Post) -> Result<f64, ReadError> {
         Ok(self.height(p))

@@ -57,6 +57,8 @@ fn exponents(samples: &Samples) -> (i32, i32) {
     }
 }
 
+/// Rows of fewer posts are not worth lanes.
+const SHORT_RUN: usize = 8;
 /// Half a unit in the last place of 1.
 const EPSILON: f64 = 0.5 * f64::EPSILON;
 
@@ -66,9 +68,12 @@ const EPSILON: f64 = 0.5 * f64::EPSILON;
 pub(super) fn scan(band: &Band, exact: bool, p: Post) -> f32 {
     let (grid, mut found) = (band.grid(), Found::default());
     if (p.i | p.j).trailing_zeros() == 1 && p.i >= 2 && p.j >= 2 && p.i + 2 < grid.nx() && p.j + 2 < grid.ny() {
-        let rows = [p.j - 2, p.j - 1, p.j, p.j + 1, p.j + 2].map(|j| &band.row(j)[p.i as usize - 2..][..5]);
-        found.five_by_five(rows, p);
-        return found.bound(exact);
+        let west = p.i as usize - 2;
+        let rows = [p.j - 2, p.j - 1, p.j, p.j + 1, p.j + 2].map(|j| band.row(j)[west..].first_chunk());
+        if let [Some(far_south), Some(south), Some(row), Some(north), Some(far_north)] = rows {
+            found.five_by_five([far_south, south, row, north, far_north], p, exact);
+            return found.bound(exact);
+        }
     }
     for triangle in band.grid().root().triangles(p) {
         let z = [triangle.apex, triangle.e0, triangle.e1].map(|corner| band.height(corner));
@@ -115,63 +120,60 @@ impl Default for Found {
 }
 
 impl Found {
-    fn meet(&mut self, corners: [f64; 3]) {
+    fn meet<const N: usize>(&mut self, corners: [f64; N]) {
         self.magnitude = corners.into_iter().fold(self.magnitude, |most, z| most.max(z.abs()));
     }
 
     /// Takes in all posts of a diamond of half-length 2 inside the grid, centred at `p` amid `rows`: three quarters of
     /// all diamonds that are stored. A triangle's plane is halfway between two of its points halfway between them.
-    fn five_by_five(&mut self, rows: [&[f64]; 5], p: Post) {
-        let at = |x: usize, y: usize| rows[y][x];
+    #[inline]
+    fn five_by_five(&mut self, rows: [&[f64; 5]; 5], p: Post, exact: bool) {
         let half = |a: f64, b: f64| 0.5 * a + 0.5 * b;
-        // Posts by their place along the base and across it, whichever way it runs.
-        let mut meet = |triangle: [f64; 3], posts: &[(f64, f64)]| {
-            self.meet(triangle);
-            self.greatest = posts.iter().fold(self.greatest, |most, &(z, plane)| most.max((z - plane).abs()));
+        let mut most = self.greatest;
+        let mut stray = |z: f64, plane: f64| {
+            let d = (z - plane).abs();
+            most = if d > most { d } else { most };
         };
-        if p.i / 2 % 2 != p.j / 2 % 2 {
-            let east = p.i / 2 % 2 == 1;
-            let at = |along: usize, across: usize| if east { at(along, across) } else { at(across, along) };
-            let ends = [at(0, 2), at(4, 2)];
-            let middle = half(ends[0], ends[1]);
-            let base = [(at(1, 2), half(ends[0], middle)), (at(2, 2), middle), (at(3, 2), half(middle, ends[1]))];
-            for (apex, beside) in [(at(2, 0), 1), (at(2, 4), 3)] {
-                meet(
-                    [apex, ends[0], ends[1]],
-                    &[
-                        (at(1, beside), half(ends[0], apex)),
-                        (at(2, beside), half(middle, apex)),
-                        (at(3, beside), half(ends[1], apex)),
-                    ],
-                );
+        let is_tilted = p.i / 2 % 2 != p.j / 2 % 2;
+        let corners = if is_tilted {
+            // By their place along the base and across it, whichever way it runs.
+            let [south, below, row, above, north] =
+                if p.i / 2 % 2 == 1 { rows.map(|row| *row) } else { transposed(rows) };
+            let middle = half(row[0], row[4]);
+            stray(row[1], half(row[0], middle));
+            stray(row[2], middle);
+            stray(row[3], half(middle, row[4]));
+            for (apex, beside) in [(south[2], below), (north[2], above)] {
+                stray(beside[1], half(row[0], apex));
+                stray(beside[2], half(middle, apex));
+                stray(beside[3], half(row[4], apex));
             }
-            meet([middle; 3], &base);
-            return;
-        }
-        // Where the base falls, seen in a mirror, so that it rises.
-        let rises = (p.i / 4 + p.j / 4).is_multiple_of(2);
-        let at = |x: usize, y: usize| if rises { at(x, y) } else { at(4 - x, y) };
-        let ends = [at(0, 0), at(4, 4)];
-        let middle = half(ends[0], ends[1]);
-        meet([middle; 3], &[(at(1, 1), half(ends[0], middle)), (at(2, 2), middle), (at(3, 3), half(middle, ends[1]))]);
-        for above in [true, false] {
-            let at = |x: usize, y: usize| if above { at(x, y) } else { at(y, x) };
-            let apex = at(0, 4);
-            let (near, far) = (half(ends[0], apex), half(apex, ends[1]));
-            meet(
-                [apex, ends[0], ends[1]],
-                &[
-                    (at(0, 1), half(ends[0], near)),
-                    (at(0, 2), near),
-                    (at(0, 3), half(near, apex)),
-                    (at(1, 4), half(apex, far)),
-                    (at(2, 4), far),
-                    (at(3, 4), half(far, ends[1])),
-                    (at(1, 2), half(near, middle)),
-                    (at(1, 3), half(middle, apex)),
-                    (at(2, 3), half(middle, far)),
-                ],
-            );
+            [row[0], row[4], south[2], north[2]]
+        } else {
+            // Where the base falls, seen in a mirror, so that it rises.
+            let rises = (p.i / 4 + p.j / 4).is_multiple_of(2);
+            let z = if rises { rows.map(|row| *row) } else { rows.map(|&[a, b, c, d, e]| [e, d, c, b, a]) };
+            let middle = half(z[0][0], z[4][4]);
+            stray(z[1][1], half(z[0][0], middle));
+            stray(z[2][2], middle);
+            stray(z[3][3], half(middle, z[4][4]));
+            for (apex, z) in [(z[4][0], z), (z[0][4], transposed(z.each_ref()))] {
+                let (near, far) = (half(z[0][0], apex), half(apex, z[4][4]));
+                stray(z[1][0], half(z[0][0], near));
+                stray(z[2][0], near);
+                stray(z[3][0], half(near, apex));
+                stray(z[4][1], half(apex, far));
+                stray(z[4][2], far);
+                stray(z[4][3], half(far, z[4][4]));
+                stray(z[2][1], half(near, middle));
+                stray(z[3][1], half(middle, apex));
+                stray(z[3][2], half(middle, far));
+            }
+            [z[0][0], z[4][4], z[4][0], z[0][4]]
+        };
+        self.greatest = most;
+        if !exact {
+            self.meet(corners);
         }
     }
 
@@ -192,6 +194,12 @@ impl Found {
             f64::INFINITY
         })
     }
+}
+
+/// Columns as rows.
+#[inline]
+fn transposed(z: [&[f64; 5]; 5]) -> [[f64; 5]; 5] {
+    [0, 1, 2, 3, 4].map(|x| z.map(|row| row[x]))
 }
 
 struct Search<'a, Z, F> {
@@ -259,8 +267,16 @@ fn scan_rows(band: &Band, span: &Span, plane: &Plane, mut greatest: f64) -> f64 
     greatest
 }
 
-/// The greatest of `greatest` and |heights[n] - (start + n * step)|, in four lanes that the compiler can keep abreast.
+/// The greatest of `greatest` and |heights[n] - (start + n * step)|; of a long run, in four lanes that the compiler can
+/// keep abreast.
+#[inline]
 fn run_deviation(heights: &[f64], start: f64, step: f64, greatest: f64) -> f64 {
+    if heights.len() < SHORT_RUN {
+        return heights.iter().enumerate().fold(greatest, |most, (n, z)| {
+            let d = (z - (start + step * n as f64)).abs();
+            if d > most { d } else { most }
+        });
+    }
     let mut lanes = [greatest; 4];
     let mut offset = [0.0, 1.0, 2.0, 3.0];
     let chunks = heights.chunks_exact(4);

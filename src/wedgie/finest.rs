@@ -10,7 +10,7 @@
 
 use sightline_proto::diamond::{Post, RootSquare};
 
-use super::{BALL_MARGIN, DiamondBounds, band::Band, round_up};
+use super::{BALL_MARGIN, DiamondBounds, round_up};
 use crate::terrain::{Grid, HeightField, Posts, ReadError, SceneScale};
 
 /// The bounds of the diamond at `p`, a post of the root square with an odd coordinate, from the heights around it.
@@ -55,34 +55,6 @@ pub fn finest_bounds_with(
     Ok(square(&steps, deviation, rows.each_ref().map(|row| row.as_slice()), 0, rises(p)))
 }
 
-/// The bounds of all square diamonds of the finest such level in row `j`, an odd one: those of the posts (2a + 1, j)
-/// for a below `count`. As [`finest_bounds`] has them.
-pub(super) fn square_row(
-    band: &Band,
-    scale: SceneScale,
-    exact: bool,
-    j: u32,
-    count: u32,
-) -> Result<Vec<DiamondBounds>, ReadError> {
-    let (grid, steps) = (band.grid(), Steps::new(scale));
-    let mut bounds = Vec::with_capacity(count as usize);
-    for i in (0..count).map(|a| 2 * a + 1) {
-        let p = Post::new(i, j);
-        bounds.push(if is_inner(grid, p) {
-            let rows = [j - 2, j - 1, j, j + 1, j + 2].map(|j| band.row(j));
-            let west = i as usize - 2;
-            if exact {
-                square(&steps, exact_deviation, rows, west, rises(p))
-            } else {
-                square(&steps, deviation, rows, west, rises(p))
-            }
-        } else {
-            finest_bounds_with(grid, scale, p, |q| Ok(band.height(q)))?
-        });
-    }
-    Ok(bounds)
-}
-
 /// Whether all heights that the bounds of the diamond at `p` follow from are in the grid.
 #[inline]
 fn is_inner(grid: Grid, p: Post) -> bool {
@@ -96,25 +68,25 @@ fn rises(p: Post) -> bool {
 }
 
 /// A bound on how far a height is from the middle of two others.
-trait Deviate: Fn(f64, [f64; 2]) -> f64 + Copy {}
+pub(super) trait Deviate: Fn(f64, [f64; 2]) -> f64 + Copy {}
 
 impl<F: Fn(f64, [f64; 2]) -> f64 + Copy> Deviate for F {}
 
 /// Squares of the metres of a step east and north, and metres per height unit.
-struct Steps {
-    east2: f64,
-    north2: f64,
+pub(super) struct Steps {
+    pub(super) east2: f64,
+    pub(super) north2: f64,
     up: f64,
 }
 
 impl Steps {
     #[inline]
-    fn new(scale: SceneScale) -> Self {
+    pub(super) fn new(scale: SceneScale) -> Self {
         Self { east2: scale.east_m * scale.east_m, north2: scale.north_m * scale.north_m, up: scale.up_m }
     }
 
     #[inline]
-    fn rise2(&self, from: f64, to: f64) -> f64 {
+    pub(super) fn rise2(&self, from: f64, to: f64) -> f64 {
         let rise = (from - to) * self.up;
         rise * rise
     }
@@ -200,12 +172,12 @@ fn base_ends(root: RootSquare, p: Post) -> [Post; 2] {
 
 /// |z - (end0 + end1) / 2| where f64 arithmetic makes no error: what [`deviation`] says, too.
 #[inline]
-fn exact_deviation(z: f64, [from, to]: [f64; 2]) -> f64 {
+pub(super) fn exact_deviation(z: f64, [from, to]: [f64; 2]) -> f64 {
     (z - (from * 0.5 + to * 0.5)).abs()
 }
 
 /// A bound on |z - (end0 + end1) / 2|: exact when f64 arithmetic is, else rounded up.
-fn deviation(z: f64, ends: [f64; 2]) -> f64 {
+pub(super) fn deviation(z: f64, ends: [f64; 2]) -> f64 {
     let halves = ends.map(|end| end * 0.5);
     let (mid, mid_error) = two_sum(halves[0], halves[1]);
     let (difference, error) = two_sum(z, -mid);

@@ -12,6 +12,8 @@
 mod band;
 mod deviation;
 mod finest;
+mod finest_rows;
+mod inner;
 mod memory;
 mod pyramid;
 #[cfg(test)]

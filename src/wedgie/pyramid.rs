@@ -13,7 +13,9 @@ use super::{
     BALL_MARGIN, DiamondBounds,
     band::{Band, Heights},
     deviation,
-    finest::{distance_m, far, square_row},
+    finest::{distance_m, far},
+    finest_rows::FinestRows,
+    inner::{Children, InnerRow},
     round_up,
 };
 use crate::terrain::{Grid, HeightField, Posts, ReadError, SceneScale};
@@ -57,6 +59,12 @@ impl Lattice {
     /// Posts from south to north.
     pub fn rows(&self) -> u32 {
         self.rows
+    }
+
+    /// The bounds of row `b`, one of its rows.
+    pub(super) fn row(&self, b: u32) -> &[DiamondBounds] {
+        let columns = self.columns as usize;
+        &self.bounds[b as usize * columns..][..columns]
     }
 
     /// Row by row from the south; zero for posts of a coarser lattice.
@@ -158,26 +166,33 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
 
     fn band(&self, lattice: &Lattice, parity: Parity, rows: Range<u32>) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
         let (k, grid) = (lattice.k, self.field.grid());
+        let at = |b| RowAt { lattice, parity, b };
         let stored = |p| self.get(lattice, p);
         let mut posts = Posts::new(self.field);
         if k > SCAN_K {
             let finer = |p| self.get(lattice, p).tight;
             let tight = |posts: &mut Posts<'_, H>, p| deviation::search(grid, posts, &finer, self.exact, p);
-            return rows.map(|b| self.row(lattice, parity, b, &mut posts, tight, stored)).collect();
+            return rows.map(|b| self.row(at(b), &mut posts, None, tight, stored)).collect();
         }
-        let tight = |band: &mut Band, p| Ok(deviation::scan(band, self.exact, p));
+        let tight = |band: &mut &Band, p| Ok(deviation::scan(band, self.exact, p));
         // A diamond reaches as far as its half-length; balls of the finest level look two posts further.
         let margin = (1 << k) + 3;
-        let mut heights = Band::load(&mut posts, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
+        let heights = &Band::load(&mut posts, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
         if k > 1 || parity == Parity::Square {
-            return rows.map(|b| self.row(lattice, parity, b, &mut heights, tight, stored)).collect();
+            let row = |b| {
+                let inner = self.inner(at(b), heights, None);
+                self.row(at(b), &mut &*heights, inner.as_ref(), tight, stored)
+            };
+            return rows.map(row).collect();
         }
         let count = lattice.columns.min(grid.root().side() / 2);
-        let mut finest = FinestRows { scale: self.scale, exact: self.exact, count, rows: Default::default() };
+        let mut finest = FinestRows::new(heights, self.scale, self.exact, count);
         let mut done = Vec::with_capacity(rows.len());
         for b in rows {
-            finest.around(2 * b, &heights)?;
-            done.push(self.row(lattice, parity, b, &mut heights, tight, |child| finest.get(child))?);
+            finest.around(2 * b)?;
+            let inner = self.inner(at(b), heights, Some(&finest));
+            let child = |child| finest.get(child);
+            done.push(self.row(at(b), &mut &*heights, inner.as_ref(), tight, child)?);
             (self.progress)(u64::from(grid.nx()) * u64::from(grid.ny().saturating_sub(2 * b).min(2)));
         }
         Ok(done)
@@ -192,10 +207,9 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
     /// The bounds of the diamonds of one kind in row `b` of the lattice, from the west.
     fn row<Z: Heights>(
         &self,
-        lattice: &Lattice,
-        parity: Parity,
-        b: u32,
+        RowAt { lattice, parity, b }: RowAt<'_>,
         heights: &mut Z,
+        inner: Option<&InnerRow<'_>>,
         tight: impl Fn(&mut Z, Post) -> Result<f32, ReadError>,
         child: impl Fn(Post) -> DiamondBounds,
     ) -> Result<Vec<DiamondBounds>, ReadError> {
@@ -203,14 +217,38 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
         let mut row = Vec::with_capacity(lattice.columns as usize / 2 + 1);
         for a in parity.columns(b, lattice.columns) {
             let p = Post::new(a << k, b << k);
-            row.push(if root.is_corner(p) {
-                DiamondBounds::default()
-            } else {
-                let tight = tight(heights, p)?;
-                self.nest(heights, parity, 1 << k, p, tight, &child)?
+            row.push(match inner {
+                Some(inner) if inner.has(p) => inner.nest(p, tight(heights, p)?),
+                _ if root.is_corner(p) => DiamondBounds::default(),
+                _ => {
+                    let tight = tight(heights, p)?;
+                    self.nest(heights, parity, 1 << k, p, tight, &child)?
+                }
             });
         }
         Ok(row)
+    }
+
+    /// What the inner diamonds of row `b` of the lattice follow from, where a band holds all their heights.
+    fn inner<'b>(
+        &'b self,
+        RowAt { lattice, parity, b }: RowAt<'b>,
+        heights: &'b Band,
+        finest: Option<&'b FinestRows>,
+    ) -> Option<InnerRow<'b>> {
+        let (k, h, j) = (lattice.k, 1 << lattice.k, b << lattice.k);
+        if j < h || j + h >= heights.grid().ny() {
+            return None;
+        }
+        let children = match (parity, finest) {
+            (Parity::Square, _) => Children::Straight([b - 1, b, b + 1].map(|b| lattice.row(b))),
+            (Parity::Tilted, Some(finest)) => Children::aslant(heights, j, 1, [j - 1, j + 1].map(|j| finest.row(j)), 1),
+            (Parity::Tilted, None) => {
+                let finer = self.finer.get(usize::from(k).checked_sub(2)?)?;
+                Children::aslant(heights, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| finer.row(b)), k - 1)
+            }
+        };
+        Some(InnerRow::new(heights, self.scale, k, j, children))
     }
 
     /// The bounds of the diamond of half-length `h` at `p` from its tight thickness and its children.
@@ -245,6 +283,14 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
     }
 }
 
+/// The diamonds of one kind in one row of a lattice.
+#[derive(Clone, Copy)]
+struct RowAt<'a> {
+    lattice: &'a Lattice,
+    parity: Parity,
+    b: u32,
+}
+
 /// The two kinds of diamonds of a lattice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Parity {
@@ -273,31 +319,5 @@ impl Lattice {
                 slots[a as usize] = *bounds;
             }
         }
-    }
-}
-
-/// The square diamonds of half-length 1 in the two rows around one of the lattice of step 2.
-struct FinestRows {
-    scale: SceneScale,
-    exact: bool,
-    /// Diamonds of a row.
-    count: u32,
-    rows: [(u32, Vec<DiamondBounds>); 2],
-}
-
-impl FinestRows {
-    /// Has rows j - 1 and j + 1 ready.
-    fn around(&mut self, j: u32, heights: &Band) -> Result<(), ReadError> {
-        for row in [j.wrapping_sub(1), j + 1].into_iter().filter(|&row| row < heights.grid().root().side()) {
-            let slot = &mut self.rows[(row / 2 % 2) as usize];
-            if slot.0 != row {
-                *slot = (row, square_row(heights, self.scale, self.exact, row, self.count)?);
-            }
-        }
-        Ok(())
-    }
-
-    fn get(&self, p: Post) -> DiamondBounds {
-        self.rows[(p.j / 2 % 2) as usize].1.get((p.i / 2) as usize).copied().unwrap_or_default()
     }
 }
