@@ -1,4 +1,5 @@
-//! Plots as SVG: panels one above the other, with the frame number, or whatever else counts, along the bottom.
+//! Plots as SVG: panels one above the other, with the frame number, or whatever else counts, along the bottom. A few
+//! values far above all others, as the first frame of a flight has, are cut off and named, so that the others can be read.
 
 use std::fmt::Write;
 
@@ -16,6 +17,10 @@ const LEFT: f64 = 80.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 44.0;
 const GAP: f64 = 34.0;
+/// Values more than so many times the 98th percentile are cut off.
+const FAR_ABOVE: f64 = 2.0;
+/// How many of them are named.
+const NAMED: usize = 3;
 
 /// The panels as one SVG document.
 pub(super) fn panels_svg(title: &str, along: &str, panels: &[Panel<'_>]) -> String {
@@ -35,18 +40,19 @@ pub(super) fn panels_svg(title: &str, along: &str, panels: &[Panel<'_>]) -> Stri
 impl Panel<'_> {
     fn draw(&self, svg: &mut String, top: f64, along: &str) {
         let (right, bottom) = (WIDTH - RIGHT, top + PANEL_HEIGHT);
-        let greatest = self.values.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
-        let scale = if greatest > 0.0 { PANEL_HEIGHT / greatest } else { 0.0 };
+        let Axis { low, high } = self.axis();
+        let scale = if high > low { PANEL_HEIGHT / (high - low) } else { 0.0 };
         let last = self.values.len().max(2) - 1;
         let mut add = |text: std::fmt::Arguments<'_>| {
             // Writing to a string does not fail.
             let _ = writeln!(svg, "{text}");
         };
-        add(format_args!("<text x=\"{LEFT}\" y=\"{:.1}\">{}</text>", top - 5.0, escaped(self.label)));
+        let label = escaped(self.label) + &self.cut_off(high, along);
+        add(format_args!("<text x=\"{LEFT}\" y=\"{:.1}\">{label}</text>", top - 5.0));
         add(format_args!("<path d=\"M{LEFT} {top:.1}V{bottom:.1}H{right:.1}\" fill=\"none\" stroke=\"#888\"/>"));
         let end = LEFT - 6.0;
-        add(format_args!("<text x=\"{end}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", top + 10.0, short(greatest)));
-        add(format_args!("<text x=\"{end}\" y=\"{bottom:.1}\" text-anchor=\"end\">0</text>"));
+        add(format_args!("<text x=\"{end}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", top + 10.0, short(high)));
+        add(format_args!("<text x=\"{end}\" y=\"{bottom:.1}\" text-anchor=\"end\">{}</text>", short(low)));
         add(format_args!(
             "<text x=\"{right:.1}\" y=\"{:.1}\" text-anchor=\"end\" fill=\"#666\">{} 0 to {last}</text>",
             bottom + 14.0,
@@ -57,12 +63,40 @@ impl Panel<'_> {
             if value.is_finite() {
                 let x = LEFT + (right - LEFT) * n as f64 / last as f64;
                 let command = if pen_down { 'L' } else { 'M' };
-                let _ = write!(path, "{command}{x:.1} {:.1}", bottom - value * scale);
+                let _ = write!(path, "{command}{x:.1} {:.1}", bottom - (value.min(high) - low) * scale);
             }
             pen_down = value.is_finite();
         }
         add(format_args!("<path d=\"{path}\" fill=\"none\" stroke=\"#06c\"/>"));
     }
+
+    /// From 0, or from the least value where all are in the upper half, to the greatest value that is not far above
+    /// nearly all others.
+    fn axis(&self) -> Axis {
+        let mut values: Vec<f64> = self.values.iter().copied().filter(|v| v.is_finite()).collect();
+        values.sort_by(f64::total_cmp);
+        let (Some(&least), Some(&usual)) = (values.first(), values.get(values.len() * 98 / 100)) else {
+            return Axis { low: 0.0, high: 0.0 };
+        };
+        let far = if usual > 0.0 { usual * FAR_ABOVE } else { f64::INFINITY };
+        let high = values.iter().rev().copied().find(|&v| v <= far).unwrap_or(usual);
+        Axis { low: if least > 0.5 * high { least } else { least.min(0.0) }, high }
+    }
+
+    /// Which values are above the axis.
+    fn cut_off(&self, high: f64, along: &str) -> String {
+        let above: Vec<_> = self.values.iter().enumerate().filter(|(_, v)| v.is_finite() && **v > high).collect();
+        let named = above.iter().take(NAMED).map(|(n, value)| format!("; {} {n}: {}", escaped(along), short(**value)));
+        let more =
+            if above.len() > NAMED { format!("; and {} more above", above.len() - NAMED) } else { String::new() };
+        named.collect::<String>() + &more
+    }
+}
+
+/// The least and the greatest value of a panel's axis.
+struct Axis {
+    low: f64,
+    high: f64,
 }
 
 /// A number of about three figures.
@@ -81,6 +115,18 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_value_far_above_the_others_is_cut_off_and_named() {
+        let mut values = [3.0; 100];
+        (values[0], values[50]) = (5000.0, 4.0);
+        let panel = Panel { label: "splits", values: &values };
+        let svg = panels_svg("", "frame", &[panel]);
+        assert!(svg.contains(">splits; frame 0: 5000<") && svg.contains(">4.0<") && svg.contains(">3.0<"), "{svg}");
+        values[0] = 3.5;
+        let svg = panels_svg("", "frame", &[Panel { label: "splits", values: &values }]);
+        assert!(svg.contains(">splits<"), "{svg}");
+    }
 
     #[test]
     fn values_that_are_not_finite_leave_gaps() {
