@@ -3,7 +3,7 @@
 use std::{
     io::{ErrorKind, IsTerminal, stderr},
     net::SocketAddr,
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::Arc,
 };
 
@@ -12,9 +12,13 @@ use tokio::net::TcpListener;
 use tracing_subscriber::EnvFilter;
 
 use super::{Context, Failure, info};
-use crate::service::{
-    self, Options, Tls, Tokens,
-    config::{Config, LogLayout},
+use crate::{
+    database::Database,
+    service::{
+        self, Options, ServedTerrain, Tls, Tokens,
+        config::{Config, LogLayout},
+    },
+    store::{DiskStore, ExerciseStore},
 };
 
 /// Serve a database: lines of sight, exercises and scene streams over gRPC, gRPC-Web and pages on one port.
@@ -33,6 +37,9 @@ pub(super) struct Args {
     /// A file of settings, TOML.
     #[arg(long, value_name = "F")]
     config: Option<PathBuf>,
+    /// Keep exercises in this file, so that they are there when the server is started anew; made when there is none.
+    #[arg(long, value_name = "F")]
+    state: Option<String>,
     /// Print all settings as they are, in the form of such a file, and stop.
     #[arg(long)]
     print_config: bool,
@@ -50,6 +57,9 @@ impl Args {
         if let Some(listen) = &self.listen {
             config.listen.clone_from(listen);
         }
+        if let Some(state) = &self.state {
+            config.state.clone_from(state);
+        }
         Ok(config)
     }
 
@@ -61,9 +71,12 @@ impl Args {
         }
         let path = self.database.as_ref().ok_or_else(|| Failure::Usage("a database is needed".into()))?;
         start_log(context, config.log);
-        let options = options(&config)?;
+        let mut options = options(&config)?;
         let is_secured = options.tls.is_some();
         let database = Arc::new(info::open(path)?);
+        if !config.state.is_empty() {
+            options.store = Box::new(store(Path::new(&config.state), &database)?);
+        }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
         let runtime = runtime.map_err(|error| Failure::environment("starting threads", error))?;
         runtime.block_on(async {
@@ -81,6 +94,15 @@ impl Args {
             served.map_err(|error| Failure::environment("serving", error))
         })
     }
+}
+
+/// The exercises that are kept in a file.
+fn store(path: &Path, database: &Database) -> Result<DiskStore, Failure> {
+    let opened = DiskStore::open(path, &database.version(), &database.site(), database);
+    let store = opened.map_err(|error| Failure::Input(error.to_string()))?;
+    let kept = store.list().map_err(|error| Failure::Input(error.to_string()))?;
+    tracing::info!(file = %path.display(), exercises = kept.len(), "exercises are kept");
+    Ok(store)
 }
 
 /// What the files of the settings hold.

@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use super::{
     Anchor, EYE_LINE_ID, Entity, Exercise, GroundState, LineState, MAX_CHANGES, MAX_ENTITIES, MAX_SIGHT_LINES,
-    PlaceError, SightLine, Site,
+    NameError, PlaceError, SightLine, Site,
 };
 use crate::{
     los::{self, LosError, Verdict},
@@ -119,6 +119,17 @@ pub enum ChangeError {
     },
 }
 
+/// Why what was kept of an exercise makes none.
+#[derive(Clone, PartialEq, Debug, Error)]
+pub enum RestoreError {
+    /// Its name.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// An entity or a sight line.
+    #[error(transparent)]
+    Change(#[from] ChangeError),
+}
+
 impl Exercise {
     /// The exercise after `change`, one epoch on, with exact verdicts on `field`.
     pub fn changed(&self, change: &Change, site: &Site, field: &impl HeightField) -> Result<Self, ChangeError> {
@@ -132,6 +143,31 @@ impl Exercise {
         limit("entities", MAX_ENTITIES, next.entities.len())?;
         next.answer(&moved, site, field)?;
         Ok(next)
+    }
+
+    /// The exercise of a name at an epoch, from what was registered in it; ends and verdicts are computed anew.
+    pub fn restored(
+        name: &str,
+        epoch: u64,
+        entities: &[Entity],
+        sight_lines: &[SightLine],
+        site: &Site,
+        field: &impl HeightField,
+    ) -> Result<Self, RestoreError> {
+        let mut exercise = Self::new(name)?;
+        for entities in entities.chunks(MAX_CHANGES) {
+            let change = Change { put_entities: entities.to_vec(), ..Change::default() };
+            exercise = exercise.changed(&change, site, field)?;
+        }
+        for lines in sight_lines.chunks(MAX_CHANGES) {
+            let change = Change { put_sight_lines: lines.to_vec(), ..Change::default() };
+            exercise = exercise.changed(&change, site, field)?;
+        }
+        exercise.epoch = epoch;
+        for line in exercise.lines.values_mut() {
+            Arc::make_mut(line).since_epoch = epoch;
+        }
+        Ok(exercise)
     }
 
     fn remove(&mut self, change: &Change) -> Result<(), ChangeError> {

@@ -14,9 +14,10 @@ use std::{
     sync::Arc,
 };
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-pub use change::{Change, ChangeError, Thing};
+pub use change::{Change, ChangeError, RestoreError, Thing};
 pub use place::{Altitude, Frame, Place, PlaceError, Site};
 pub use sightline_proto::EYE_LINE_ID;
 
@@ -32,7 +33,7 @@ pub const MAX_SIGHT_LINES: usize = 20_000;
 pub const MAX_CHANGES: usize = 50_000;
 
 /// A thing that has a place and may move.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Entity {
     /// Unique among the entities of the exercise.
     pub id: u64,
@@ -43,7 +44,7 @@ pub struct Entity {
 }
 
 /// One end of a registered sight line.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub enum Anchor {
     /// It follows an entity.
     Entity {
@@ -57,7 +58,7 @@ pub enum Anchor {
 }
 
 /// A sight line as it was registered.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct SightLine {
     /// Unique among the sight lines of the exercise; not [`EYE_LINE_ID`].
     pub id: u64,
@@ -86,7 +87,7 @@ impl SightLine {
 }
 
 /// A disc in plan.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Disc {
     /// East and north of its middle in `frame`.
     pub centre: [f64; 2],

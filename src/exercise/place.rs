@@ -4,6 +4,7 @@
 //! alike and by no one twice.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{Entity, SightLine};
@@ -14,7 +15,7 @@ use crate::{
 };
 
 /// The frame in which a position is given.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum Frame {
     /// Posts east, posts north, height units.
     Grid,
@@ -27,7 +28,7 @@ pub enum Frame {
 }
 
 /// What the third number of a position means.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum Altitude {
     /// Above the vertical datum.
     Absolute,
@@ -36,7 +37,7 @@ pub enum Altitude {
 }
 
 /// A position as a caller gave it.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Place {
     /// East, north, up in `frame`.
     pub position: [f64; 3],

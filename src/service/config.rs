@@ -20,6 +20,8 @@ pub struct Config {
     pub listen: String,
     /// Seconds that calls under way get when the server is told to stop.
     pub draining_s: f64,
+    /// File that keeps exercises across restarts, made when there is none; empty: they end with the server.
+    pub state: String,
     /// Layout of the log: `text` or `json`.
     pub log: LogLayout,
     /// Certificates.
@@ -66,6 +68,7 @@ impl Default for Config {
         Self {
             listen: "127.0.0.1:7410".into(),
             draining_s: 5.0,
+            state: String::new(),
             log: LogLayout::default(),
             tls: TlsFiles::default(),
             access: AccessFiles::default(),

@@ -1,7 +1,9 @@
-//! Where exercises are kept: one narrow interface, and the implementation that keeps them in memory.
+//! Where exercises are kept: one narrow interface, and the implementations that keep them in memory and in a file.
 //!
 //! What is stored is an exercise by its name with a revision; it is replaced only by someone who knows the revision, so
 //! that many servers could share a store. Nothing here knows how an exercise changes.
+
+mod disk;
 
 use std::{
     collections::BTreeMap,
@@ -9,6 +11,8 @@ use std::{
 };
 
 use thiserror::Error;
+
+pub use disk::DiskStore;
 
 use crate::exercise::Exercise;
 
@@ -93,6 +97,17 @@ impl MemoryStore {
 }
 
 impl State {
+    /// Whether another exercise could have that name.
+    fn room_for(&self, name: &str) -> Result<(), StoreError> {
+        if self.exercises.contains_key(name) {
+            Err(StoreError::Exists(name.to_owned()))
+        } else if self.exercises.len() >= MAX_EXERCISES {
+            Err(StoreError::Full)
+        } else {
+            Ok(())
+        }
+    }
+
     fn put(&mut self, exercise: Exercise, created: Option<u64>) -> Stored {
         self.last_revision += 1;
         let (revision, name) = (self.last_revision, exercise.name().to_owned());
@@ -105,12 +120,7 @@ impl State {
 impl ExerciseStore for MemoryStore {
     fn create(&self, exercise: Exercise) -> Result<Stored, StoreError> {
         let mut state = self.write();
-        if state.exercises.contains_key(exercise.name()) {
-            return Err(StoreError::Exists(exercise.name().to_owned()));
-        }
-        if state.exercises.len() >= MAX_EXERCISES {
-            return Err(StoreError::Full);
-        }
+        state.room_for(exercise.name())?;
         Ok(state.put(exercise, None))
     }
 

@@ -33,7 +33,7 @@ const VERBS: [(&str, &str, &str); 15] = [
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
     ("fly", "<DB>", "--flight --frames --triangles --pixels --algorithm --plot -o --seed --force"),
-    ("serve", "[DB]", "--listen --config --print-config"),
+    ("serve", "[DB]", "--listen --config --state --print-config"),
     ("status", "<ADDR>", ""),
     (
         "view",

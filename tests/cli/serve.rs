@@ -7,6 +7,8 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
+use sightline_client::{Client, v1};
+
 use super::{program, sightline};
 
 /// A database of a small grid in `folder`.
@@ -32,8 +34,13 @@ impl Drop for Server {
 impl Server {
     /// Starts it on a free port; returns its address too.
     fn start(database: &str) -> (Self, String) {
+        Self::start_with(database, &[])
+    }
+
+    fn start_with(database: &str, flags: &[&str]) -> (Self, String) {
         let child = program()
             .args(["serve", database, "--listen", "127.0.0.1:0", "--json"])
+            .args(flags)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn();
@@ -117,4 +124,72 @@ fn status_tells_the_essentials() {
     let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&status["serving"], &status["limits"]["views"]["limit"]), (&true.into(), &1_000.into()));
     assert_eq!(sightline(&["status", "127.0.0.1:1"]).status.code(), Some(4));
+}
+
+/// However far a change has come when the server is killed: what was answered is there again, whole.
+#[test]
+fn a_server_that_is_killed_comes_back_with_its_exercises() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = database(folder.path());
+    let state = folder.path().join("state");
+    let state = state.to_str().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let (mut epoch, mut seen) = (0, 0);
+    for round in 0..4_u64 {
+        let (mut server, address) = Server::start_with(&database, &["--state", state]);
+        runtime.block_on(async {
+            let client = Client::connect(&address).await.unwrap();
+            if round == 0 {
+                client.create_exercise("kept").await.unwrap();
+            }
+            let found = client.exercise("kept").await.unwrap();
+            // The change that was under way may have been kept, too.
+            assert!(found.epoch == epoch || found.epoch == epoch + 1, "{} after {epoch}", found.epoch);
+            let heights: Vec<f64> = found.entities.iter().map(|entity| entity.position.unwrap().z).collect();
+            assert!(
+                heights.iter().all(|&z| z == found.epoch as f64)
+                    && heights.len() == if found.epoch == 0 { 0 } else { 50 }
+            );
+            assert!(found.sight_lines.iter().all(|line| line.verdict() == v1::Verdict::Visible));
+            seen += found.sight_lines.len();
+            epoch = found.epoch;
+            for _ in 0..6 {
+                epoch = client.change_exercise(raised(epoch + 1)).await.unwrap();
+            }
+            let next = tokio::spawn(async move { client.change_exercise(raised(epoch + 1)).await });
+            tokio::time::sleep(std::time::Duration::from_millis(round)).await;
+            server.0.kill().unwrap();
+            server.0.wait().unwrap();
+            if let Ok(answered) = next.await.unwrap() {
+                epoch = answered;
+            }
+        });
+    }
+    assert_eq!(seen, 3 * 49);
+    let (_server, address) = Server::start_with(&database, &["--state", state]);
+    let second = sightline(&["serve", &database, "--listen", "127.0.0.1:0", "--state", state]);
+    assert_eq!(second.status.code(), Some(3), "{address}");
+    assert!(String::from_utf8_lossy(&second.stderr).contains("another server has it open"));
+}
+
+/// Fifty entities in a row, all at one height, and lines between neighbours.
+fn raised(height: u64) -> v1::ChangeExerciseRequest {
+    let entity = |id: u64| v1::Entity {
+        id,
+        position: Some(v1::Position { x: id as f64 * 0.1, y: 2.0, z: height as f64 }),
+        frame: v1::CoordinateFrame::Grid.into(),
+        altitude: v1::AltitudeReference::AboveGround.into(),
+        ground_m: 0.0,
+    };
+    let end = |entity_id| {
+        let anchor = v1::anchor::Anchor::Entity(v1::EntityAnchor { entity_id, height_offset_m: 0.0 });
+        Some(v1::Anchor { anchor: Some(anchor) })
+    };
+    let line = |id: u64| v1::SightLine { id, a: end(id), b: end(id + 1), ..v1::SightLine::default() };
+    v1::ChangeExerciseRequest {
+        name: "kept".into(),
+        put_entities: (0..50).map(entity).collect(),
+        put_sight_lines: (0..49).map(line).collect(),
+        ..v1::ChangeExerciseRequest::default()
+    }
 }

@@ -24,6 +24,7 @@ mod witness;
 #[cfg(test)]
 mod tests;
 
+use serde::{Deserialize, Serialize};
 use sightline_proto::verdict::MeshVerdict;
 
 use crate::{
@@ -34,7 +35,7 @@ use crate::{
 pub(super) use engine::{Outcome, Requirements};
 
 /// How much of the terrain's truth a sight line asks of a mesh.
-#[derive(Clone, Copy, PartialEq, Default, Debug)]
+#[derive(Clone, Copy, PartialEq, Default, Debug, Serialize, Deserialize)]
 pub enum Fidelity {
     /// The verdict on the mesh equals the verdict on the finest surface.
     #[default]
