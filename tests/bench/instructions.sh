@@ -23,7 +23,7 @@ count() {
 lines=4000
 for length in short long; do
   for way in exact batch grid; do
-    count "$length line, $way" $lines "$folder/release/sightline-bench" 1025 --lines $length --only $way --count $lines
+    count "$length line, $way" $lines "$folder/release/sightline-bench" --side 1025 --lines $length --only $way --count $lines
   done
 done
 count "cell of a viewshed" 1000000 "$folder/release/viewshed" --only

@@ -2,8 +2,8 @@
 //! queries in one run, in the order in which they were drawn, on one core (a batch on two as well, its sorting timed);
 //! answers checked, ratios printed, each the best of some rounds.
 //!
-//! `cargo run --release --manifest-path tests/bench/Cargo.toml -- [DATABASE] [SIDE]`: a synthetic terrain by default,
-//! or the south-western SIDE x SIDE posts (4097) of a database.
+//! `cargo run --release --manifest-path tests/bench/Cargo.toml -- [DATABASE] [--side N]`: a synthetic terrain by default,
+//! or the south-western N x N posts (4097) of a database.
 //!
 //! With `--only exact|batch|grid --lines long|short [--count N]` nothing else is asked, and all in the function
 //! [`measured`], for `instructions.sh` to count. With `--export FOLDER` the heights (f32, row by row from the south) and
@@ -63,12 +63,12 @@ impl Asked {
         while let Some(argument) = arguments.next() {
             let mut value = || arguments.next().ok_or(format!("{argument} needs a value"));
             match argument.as_str() {
+                "--side" => asked.side = Some(value()?.parse()?),
                 "--only" => asked.only = Some(value()?),
                 "--lines" => asked.lines = Some(value()?),
                 "--count" => asked.count = Some(value()?.parse()?),
                 "--export" => asked.export = Some(value()?),
-                _ if asked.database.is_none() => asked.database = Some(argument),
-                _ => asked.side = Some(argument.parse()?),
+                _ => asked.database = Some(argument),
             }
         }
         Ok(asked)
