@@ -13,5 +13,5 @@ export default defineConfig({
     },
   },
   server: { proxy: { "/sightline.v1": process.env["SIGHTLINE_ADDRESS"] ?? "http://127.0.0.1:7410" } },
-  test: { include: ["tests/*.test.ts"], pool: "threads" },
+  test: { include: ["tests/*.test.ts", "browser/*.test.ts"], pool: "threads" },
 });

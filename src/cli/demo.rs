@@ -84,7 +84,7 @@ impl Args {
         write(&map, &picture.png().map_err(|e| Failure::environment(map.display(), e))?)?;
         self.tell(context, &plan, &outcome, &database, &server.address(), started.elapsed().as_secs_f64());
         if !self.exit {
-            remark(format!("serving at {} until Ctrl-C", server.address()));
+            remark(format!("serving until Ctrl-C: open {}/?exercise={EXERCISE} in a browser", server.address()));
             runtime.block_on(tokio::signal::ctrl_c()).map_err(|e| Failure::environment("waiting for Ctrl-C", e))?;
         }
         server.stop(&runtime)?;

@@ -1,7 +1,7 @@
 //! Who calls, and what they may do: bearer tokens with roles.
 //!
 //! Without tokens everyone may do everything, and clients are told apart by their network address. With them each call
-//! needs `authorization: Bearer SECRET`; health and the front page stay open. A token is compared in full, whatever
+//! needs `authorization: Bearer SECRET`; health and the files of the viewer stay open. A token is compared in full, whatever
 //! differs, so that the time tells nothing of it.
 
 use std::{fmt, net::IpAddr, sync::Arc};
@@ -108,6 +108,13 @@ pub(super) struct Caller {
     pub(super) name: Arc<str>,
 }
 
+impl Caller {
+    /// Without a token.
+    pub(super) fn by_address(address: Option<IpAddr>) -> Self {
+        Self { name: address.map_or_else(|| "unknown".into(), |ip| ip.to_string().into()) }
+    }
+}
+
 /// What must be allowed before a path is served.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Need {
@@ -143,11 +150,10 @@ pub(super) fn admit(
     authorization: Option<&str>,
     address: Option<IpAddr>,
 ) -> Result<Caller, Status> {
-    let by_address = || Caller { name: address.map_or_else(|| "unknown".into(), |ip| ip.to_string().into()) };
-    let Some(tokens) = tokens else { return Ok(by_address()) };
+    let Some(tokens) = tokens else { return Ok(Caller::by_address(address)) };
     let need = need(path);
     if need == Need::Nothing {
-        return Ok(by_address());
+        return Ok(Caller::by_address(address));
     }
     let secret = authorization.and_then(|value| {
         let (scheme, secret) = value.split_once(' ')?;

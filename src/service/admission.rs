@@ -1,7 +1,7 @@
 //! What each call passes before its service sees it: it gets an id, its caller is found, its right and its rate are
 //! checked, and how it began to be answered is counted and logged.
 
-use std::{sync::Arc, time::Instant};
+use std::{net::IpAddr, sync::Arc, time::Instant};
 
 use axum::{
     extract::{Request, State},
@@ -65,12 +65,20 @@ pub(super) async fn admit<T: ServedTerrain>(
 
 /// Who calls, if they may.
 pub(super) fn caller<T>(shared: &Shared<T>, request: &Request) -> Result<Caller, Status> {
+    let authorization = request.headers().get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+    access::admit(shared.tokens.as_ref(), request.uri().path(), authorization, address(request))
+}
+
+/// Who asks for what is open to everyone: a network address.
+pub(super) fn visitor(request: &Request) -> Caller {
+    Caller::by_address(address(request))
+}
+
+fn address(request: &Request) -> Option<IpAddr> {
     let extensions = request.extensions();
     let plain = extensions.get::<TcpConnectInfo>().and_then(TcpConnectInfo::remote_addr);
     let secured = extensions.get::<TlsConnectInfo<TcpConnectInfo>>().and_then(|info| info.get_ref().remote_addr());
-    let address = plain.or(secured).map(|peer| peer.ip());
-    let authorization = request.headers().get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    access::admit(shared.tokens.as_ref(), request.uri().path(), authorization, address)
+    plain.or(secured).map(|peer| peer.ip())
 }
 
 fn request_id(headers: &HeaderMap, new: impl FnOnce() -> String) -> HeaderValue {

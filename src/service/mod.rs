@@ -24,6 +24,7 @@ mod status;
 mod telemetry;
 mod terrains;
 mod turns;
+mod viewer;
 mod views;
 mod wanted;
 mod watches;

@@ -1,11 +1,11 @@
-//! The pages beside the services, on the same port: what is here, health, and metrics.
+//! The pages beside the services and the viewer, on the same port: health, and metrics.
 
 use std::sync::Arc;
 
 use axum::{
     extract::{Request, State},
     http::{StatusCode, header},
-    response::{Html, IntoResponse, Response},
+    response::{IntoResponse, Response},
 };
 use tonic::{Code, Status, body::Body};
 
@@ -13,23 +13,6 @@ use super::{ServedTerrain, Shared, admission};
 
 /// What Prometheus expects.
 const METRICS_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
-
-/// The front page.
-pub(super) async fn index<T: ServedTerrain>(State(shared): State<Arc<Shared<T>>>) -> Html<String> {
-    let terrain = &shared.description;
-    Html(format!(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Sightline</title>\
-         <h1>Sightline {version}</h1>\
-         <p>A terrain of {nx} x {ny} posts, exact lines of sight on it, and meshes that agree with them.</p>\
-         <ul><li><a href=\"/healthz\">/healthz</a>: whether the server is healthy\
-         <li><a href=\"/metrics\">/metrics</a>: what it measures, for Prometheus\
-         <li>gRPC and gRPC-Web, package <code>sightline.v1</code>, with server reflection: on this same port\
-         </ul></html>\n",
-        version = env!("CARGO_PKG_VERSION"),
-        nx = terrain.nx,
-        ny = terrain.ny,
-    ))
-}
 
 /// `ok`, or what is wrong with status 503.
 pub(super) async fn healthz<T: ServedTerrain>(State(shared): State<Arc<Shared<T>>>) -> Response {

@@ -1,4 +1,4 @@
-//! One server on one port: gRPC, gRPC-Web and the pages; its start, its health and its end.
+//! One server on one port: gRPC, gRPC-Web, the viewer and pages; its start, its health and its end.
 
 use std::{future::Future, io, sync::Arc, time::Duration};
 
@@ -23,7 +23,7 @@ use tonic_web::GrpcWebLayer;
 
 use super::{
     DRAINING_TIME, KEEPALIVE_TIME, Limits, SERVICE_NAMES, ServedTerrain, Service, Shared, Tokens, admission,
-    connections, health::LOOKING_TIME, pages, stopped,
+    connections, health::LOOKING_TIME, pages, stopped, viewer,
 };
 use crate::{
     store::{ExerciseStore, MemoryStore},
@@ -195,11 +195,10 @@ fn routes<T: ServedTerrain>(shared: &Arc<Shared<T>>) -> Result<(HealthReporter, 
         .layer(middleware::from_fn_with_state(Arc::clone(shared), admission::admit::<T>))
         .layer(GrpcWebLayer::new())
         // What comes after the layers is outside of them.
-        .route("/", get(pages::index::<T>).with_state(Arc::clone(shared)))
         .route("/healthz", get(pages::healthz::<T>).with_state(Arc::clone(shared)))
         .route("/metrics", get(pages::metrics::<T>).with_state(Arc::clone(shared)))
         .fallback(pages::unknown);
-    Ok((reporter, router.into()))
+    Ok((reporter, viewer::add_to(router, shared).into()))
 }
 
 async fn report(reporter: &HealthReporter, is_serving: bool) {

@@ -1,5 +1,7 @@
 //! Everything on one port: pages over HTTP/1.1, and views over gRPC-Web as a browser does it.
 
+use std::io::Read;
+
 use prost::Message;
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
@@ -112,8 +114,6 @@ async fn pages_and_grpc_share_the_port() {
     let address = &running.address;
     let lines = v1::QueryLineOfSightRequest { a: end(1.0, 1.0, 1.0), b: end(9.0, 9.0, 1.0), ..Default::default() };
     client.query(lines).await.unwrap();
-    let (head, page) = get(address, "/").await;
-    assert!(head.starts_with("http/1.1 200") && page.contains("90 x 70 posts"), "{head}{page}");
     let (head, page) = get(address, "/healthz").await;
     assert!(head.starts_with("http/1.1 200") && page == "ok\n", "{head}{page}");
     let (head, page) = get(address, "/metrics").await;
@@ -128,6 +128,37 @@ async fn pages_and_grpc_share_the_port() {
     assert!(status.serving && status.visible + status.blocked + status.unknown == 1 && status.sent_bytes > 0);
     let answer = call(address, "NoService/Nothing", &v1::GetStatusRequest {}).await;
     assert!(answer.head.contains("grpc-status: 12"), "{}", answer.head);
+}
+
+/// The viewer is there in full, may be kept only as long as it is the same, and lets nothing in from elsewhere.
+#[tokio::test]
+async fn the_viewer_is_served_and_asked_about_again() {
+    let (running, _) = started().await;
+    let address = &running.address;
+    let files =
+        [("/", "text/html", "/healthz"), ("/app.js", "text/javascript", "webgl2"), ("/app.css", "text/css", "canvas")];
+    for (path, media_type, part) in files {
+        let (head, page) = get(address, path).await;
+        assert!(head.starts_with("http/1.1 200") && head.contains(&format!("content-type: {media_type}")), "{head}");
+        assert!(page.contains(part), "no {part} in {path}");
+        for said in ["cache-control: no-cache", "default-src 'none'; script-src 'self';", "frame-ancestors 'none'"] {
+            assert!(head.contains(said), "{said} in {head}");
+        }
+        let tag = head.lines().find_map(|line| line.strip_prefix("etag: ")).unwrap();
+        for (asked, status) in [(tag, 304), ("\"other\"", 200)] {
+            let headers = format!("connection: close\r\nif-none-match: {asked}\r\naccept-encoding: br, gzip;q=0.5\r\n");
+            let mut answer = Answer::to(address, "GET", path, &headers, b"").await;
+            while answer.receive().await {}
+            assert!(answer.head.starts_with(&format!("http/1.1 {status}")), "{}", answer.head);
+            assert_eq!(answer.head.contains("content-encoding: gzip"), status == 200);
+            answer.sort();
+            let mut unpacked = String::new();
+            if status == 200 {
+                flate2::read::GzDecoder::new(&*answer.body).read_to_string(&mut unpacked).unwrap();
+                assert!(unpacked == page, "{path} unpacks to something else");
+            }
+        }
+    }
 }
 
 #[tokio::test]

@@ -43,7 +43,6 @@ export class WatchedView {
   private toAcknowledge = false;
   private lostAt: bigint | undefined;
   private isTelling = false;
-  private drawMs = 0;
 
   constructor(
     readonly wish: Wish,
@@ -89,11 +88,6 @@ export class WatchedView {
     this.hasNewSettings = true;
     if (this.scene) this.scene.maxTriangles = Math.max(this.scene.maxTriangles, budget(settings));
     void this.tell();
-  }
-
-  /** Says with the next message how long the last frame took to draw. */
-  drew(milliseconds: number): void {
-    this.drawMs = milliseconds;
   }
 
   async close(): Promise<void> {
@@ -164,7 +158,7 @@ export class WatchedView {
   }
 
   private steering() {
-    const steer = create(SteerViewSchema, { appliedSequence: this.scene?.frame?.sequence ?? 0n, frameTimeMs: this.drawMs });
+    const steer = create(SteerViewSchema, { appliedSequence: this.scene?.frame?.sequence ?? 0n });
     if (this.hasNewPose) {
       this.poseSequence += 1n;
       steer.pose = this.wish.pose;

@@ -1,0 +1,431 @@
+/** One view on the page: its picture, its controls and counters, and its own verdict on every sight line. */
+
+import { create } from "@bufbuild/protobuf";
+import { Orbit } from "../draw/orbit";
+import type { Overlay } from "../draw/ground";
+import { NEAR_M, Picture, TAN_HALF_FOV } from "../draw/picture";
+import { type Space, lengthM } from "../draw/space";
+import type { Stroke } from "../draw/strokes";
+import type { SightLineState } from "../generated/sightline/v1/exercise_pb";
+import { PoseSchema, ViewSettingsSchema } from "../generated/sightline/v1/scene_pb";
+import type { Point } from "../mesh/line";
+import { type Piece, firstBelow, section } from "../mesh/section";
+import type { OwnExercise } from "../server/exercise";
+import { WatchedView } from "../server/view";
+import { bytes, count, fromSlider, make, metres, toSlider, within } from "./dom";
+import type { Errors } from "./errors";
+import { listen } from "./gestures";
+import { Handles, type Which } from "./handles";
+import { COLOURS, type Judged, WORDS, judge, stated } from "./judge";
+import { ERROR_COLOURS, ERROR_STEPS_M } from "../draw/ground";
+
+export const LEAST_BUDGET = 50;
+export const GREATEST_BUDGET = 50_000;
+const BUDGET_STEPS = 120;
+/** A click this near to a line selects it, in pixels. */
+const NEAR_PX = 7;
+
+/** What a pane asks of the page around it. */
+export interface Host {
+  readonly space: Space;
+  readonly exercise: OwnExercise;
+  readonly errors: Errors;
+  readonly selected: bigint | undefined;
+  readonly showsErrors: boolean;
+  /** The camera of a pane has moved by hand. */
+  moved(pane: Pane): void;
+  clicked(pane: Pane, at: Point): void;
+  hovered(at: Point): void;
+  select(id: bigint): void;
+  moveEnd(which: Which, at: Point): void;
+  nudgeEnd(which: Which, east: number, north: number, up: number): void;
+  /** Its verdicts may have changed. */
+  judged(): void;
+  close(pane: Pane): void;
+}
+
+export class Pane {
+  readonly element: HTMLElement;
+  readonly view: WatchedView;
+  readonly picture: Picture;
+  judgements = new Map<bigint, Judged>();
+  isPlain = false;
+
+  private readonly canvas: HTMLCanvasElement;
+  private readonly handles: Handles;
+  private readonly resizing: ResizeObserver;
+  private viewport = { width: 1, height: 1 };
+  private isMeshNew = false;
+  private isUpdateDue = false;
+  private judgedHash: bigint | undefined;
+  private trouble = "";
+  private pulse = { bytes: 0, drawn: 0, at: performance.now() };
+
+  constructor(
+    readonly letter: string,
+    readonly colour: string,
+    public budget: number,
+    readonly orbit: Orbit,
+    private readonly host: Host,
+    exercise: string,
+  ) {
+    const template = document.getElementById("pane") as HTMLTemplateElement;
+    this.element = within(template.content.cloneNode(true) as DocumentFragment, ".pane");
+    this.element.dataset["view"] = letter;
+    this.element.style.setProperty("--pane", colour);
+    this.element.setAttribute("aria-label", `View ${letter}`);
+    within(this.element, "h2").textContent = letter;
+    this.canvas = within(this.element, "canvas");
+    this.canvas.setAttribute("aria-label", `Terrain in view ${letter}`);
+    this.picture = new Picture(this.canvas, host.space, () => this.afterDrawing());
+    this.handles = new Handles(within(this.element, ".overlay"), letter, {
+      drag: (which, x, y) => {
+        const at = this.pick(x, y);
+        if (at) host.moveEnd(which, at);
+      },
+      nudge: (which, right, ahead, up) => {
+        const [sin, cos] = [Math.sin(orbit.azimuth), Math.cos(orbit.azimuth)];
+        host.nudgeEnd(which, right * cos + ahead * sin, ahead * cos - right * sin, up);
+      },
+    });
+    const wish = { exercise, pose: create(PoseSchema, this.picture.look(orbit, undefined)), settings: this.settings() };
+    this.view = new WatchedView(wish, {
+      frame: () => {
+        this.trouble = "";
+        this.isMeshNew = true;
+        this.update();
+      },
+      lines: () => this.update(),
+      refused: (_, reason) => {
+        this.trouble = reason;
+        this.showCounters();
+      },
+    });
+    this.wire();
+    this.resizing = new ResizeObserver(() => this.resize());
+  }
+
+  /** Once it stands on the page. */
+  begin(): void {
+    this.resizing.observe(this.canvas);
+    this.resize();
+  }
+
+  /** Puts the camera where its orbit is. */
+  look(): void {
+    this.view.steer(create(PoseSchema, this.picture.look(this.orbit, this.view.scene?.mesh)));
+  }
+
+  setPlain(isPlain: boolean): void {
+    this.isPlain = isPlain;
+    this.changeSettings();
+    this.update();
+  }
+
+  setBudget(triangles: number): void {
+    this.budget = Math.round(Math.min(Math.max(triangles, LEAST_BUDGET), GREATEST_BUDGET));
+    this.changeSettings();
+  }
+
+  set overlay(overlay: Overlay | undefined) {
+    this.picture.ground.overlay = overlay;
+    this.picture.draw();
+  }
+
+  set wireframe(isShown: boolean) {
+    this.picture.ground.wire = isShown ? 0.3 : 0;
+    this.picture.draw();
+  }
+
+  /** Judges and draws anew, soon and once. */
+  update(): void {
+    if (this.isUpdateDue) return;
+    this.isUpdateDue = true;
+    requestAnimationFrame(() => {
+      this.isUpdateDue = false;
+      this.judge();
+      if (this.isMeshNew) this.takeMesh();
+      this.drawLines();
+      this.host.judged();
+      this.picture.draw();
+    });
+  }
+
+  /** Colours by errors, or no longer. */
+  recolour(): void {
+    this.isMeshNew = true;
+    this.update();
+    const legend = within(this.element, ".legend");
+    legend.hidden = !this.host.showsErrors;
+    legend.replaceChildren("height error", ...ERROR_STEPS_M.map((step, n) => {
+      const entry = make("span", n === 0 ? `≤ ${step} m` : `${step} m`);
+      const patch = make("i");
+      patch.style.background = ERROR_COLOURS[n] ?? "";
+      entry.prepend(patch);
+      return entry;
+    }));
+  }
+
+  sectionOf(a: Point, b: Point): Piece[] {
+    return this.view.scene ? section(this.view.scene.mesh, a, b) : [];
+  }
+
+  /** A second has passed, or so. */
+  tick(): void {
+    const now = performance.now();
+    const seconds = (now - this.pulse.at) / 1000;
+    this.showCounters((this.view.bytes - this.pulse.bytes) / seconds, (this.picture.drawn - this.pulse.drawn) / seconds);
+    this.pulse = { bytes: this.view.bytes, drawn: this.picture.drawn, at: now };
+  }
+
+  dispose(): void {
+    this.resizing.disconnect();
+    this.picture.dispose();
+    this.element.remove();
+  }
+
+  // --- what the user does
+
+  private wire(): void {
+    const { element, host, orbit } = this;
+    for (const mode of element.querySelectorAll<HTMLButtonElement>(".modes button")) {
+      mode.addEventListener("click", () => this.setPlain(mode.dataset["mode"] === "plain"));
+    }
+    const slider = within<HTMLInputElement>(element, ".budget input");
+    slider.setAttribute("aria-label", `Triangles of view ${this.letter}`);
+    slider.addEventListener("input", () => this.setBudget(niceBudget(fromSlider(Number(slider.value), LEAST_BUDGET, GREATEST_BUDGET, BUDGET_STEPS))));
+    within(element, ".close").addEventListener("click", () => host.close(this));
+    listen(this.canvas, {
+      turn: (dx, dy) => {
+        orbit.turn(dx * 0.006, dy * 0.005);
+        host.moved(this);
+      },
+      pan: (dx, dy) => {
+        const step = this.picture.metresPerPixel(orbit);
+        orbit.pan(-dx * step, (dy * step) / Math.max(Math.sin(orbit.elevation), 0.25));
+        host.moved(this);
+      },
+      zoom: (factor) => {
+        orbit.zoom(factor);
+        host.moved(this);
+      },
+      click: (x, y) => {
+        const line = this.lineAt(x, y);
+        const at = this.pick(x, y);
+        if (line !== undefined && line !== host.selected) host.select(line);
+        else if (at) host.clicked(this, at);
+      },
+      hover: (x, y) => {
+        const at = this.pick(x, y);
+        if (at) host.hovered(at);
+      },
+    });
+    this.canvas.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  private key(event: KeyboardEvent): void {
+    const { orbit } = this;
+    const stride = orbit.distance * 0.04;
+    const arrows: Readonly<Record<string, readonly [number, number]>> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const arrow = arrows[event.key];
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (arrow && event.shiftKey) orbit.pan(arrow[0] * stride, arrow[1] * stride);
+    else if (arrow) orbit.turn(arrow[0] * 0.06, arrow[1] * -0.05);
+    else if (event.key === "+" || event.key === "=") orbit.zoom(0.87);
+    else if (event.key === "-") orbit.zoom(1.15);
+    else if (event.key === "Enter") {
+      const at = this.pick(this.canvas.clientWidth / 2, this.canvas.clientHeight / 2);
+      if (at) this.host.clicked(this, at);
+      return event.preventDefault();
+    } else return;
+    event.preventDefault();
+    this.host.moved(this);
+  }
+
+  private pick(x: number, y: number): Point | undefined {
+    const mesh = this.view.scene?.mesh;
+    return mesh && this.picture.pick(mesh, x, y);
+  }
+
+  /** The line that is drawn within a few pixels of a place. */
+  private lineAt(x: number, y: number): bigint | undefined {
+    let best: { id: bigint; off: number } | undefined;
+    for (const [id, { line }] of this.judgements) {
+      const [a, b] = this.ends(line).map((end) => end && this.picture.project(end));
+      if (!a || !b) continue;
+      const [dx, dy] = [b.x - a.x, b.y - a.y];
+      const t = Math.min(Math.max(((x - a.x) * dx + (y - a.y) * dy) / (dx * dx + dy * dy || 1), 0), 1);
+      const off = Math.hypot(x - a.x - t * dx, y - a.y - t * dy);
+      if (off < (best?.off ?? NEAR_PX)) best = { id, off };
+    }
+    return best?.id;
+  }
+
+  // --- what the server hears
+
+  private settings() {
+    const { width, height } = this.viewport;
+    return create(ViewSettingsSchema, {
+      projection: { case: "perspective", value: { tanHalfFov: TAN_HALF_FOV, nearM: NEAR_M } },
+      viewportWidthPx: width,
+      viewportHeightPx: height,
+      target: { case: "triangleBudget", value: { triangles: this.budget } },
+      subscription: { lines: this.isPlain ? { case: "none", value: {} } : { case: "all", value: {} } },
+    });
+  }
+
+  private changeSettings(): void {
+    this.view.change(this.settings());
+    this.showCounters();
+  }
+
+  private resize(): void {
+    if (this.canvas.clientWidth === 0) return;
+    this.viewport = this.picture.resize();
+    this.changeSettings();
+    this.look();
+  }
+
+  // --- what is shown
+
+  /** The lines that this view is about: those of its own epoch, or for a plain mesh those of the exercise. */
+  private lines(): Iterable<SightLineState> {
+    const scene = this.view.scene;
+    if (!this.isPlain && scene && scene.lines.size > 0) return scene.lines.values();
+    return this.host.exercise.stated.values();
+  }
+
+  private judge(): void {
+    const scene = this.view.scene;
+    if (!scene?.frame) return;
+    // Lines are stated before the frame of their epoch: until it comes, the mesh has not heard of them.
+    const isBehind = !this.isPlain && scene.frame.epoch !== scene.epoch;
+    if (isBehind && this.judgements.size > 0) return;
+    const before = this.judgedHash === scene.mesh.hash ? this.judgements : new Map<bigint, Judged>();
+    this.judgedHash = scene.mesh.hash;
+    this.judgements = judge(scene.mesh, this.lines(), this.isPlain ? new Map() : scene.unsatisfied, before);
+  }
+
+  private takeMesh(): void {
+    const mesh = this.view.scene?.mesh;
+    if (!mesh) return;
+    this.isMeshNew = false;
+    const { errors, showsErrors } = this.host;
+    this.picture.ground.showsError = showsErrors;
+    this.picture.ground.take(mesh, showsErrors ? (e0, e1) => errors.of(mesh, e0, e1) : undefined);
+    if (showsErrors) {
+      errors.fetch(mesh).then((isNew) => {
+        if (!isNew || !this.host.showsErrors) return;
+        this.isMeshNew = true;
+        this.update();
+      }, () => undefined);
+    }
+  }
+
+  private ends(line: SightLineState) {
+    const { a, b } = line.resolved ?? {};
+    const { space } = this.host;
+    return [a && space.localFromGrid(a), b && space.localFromGrid(b)] as const;
+  }
+
+  private drawLines(): void {
+    const { space, selected } = this.host;
+    const mesh = this.view.scene?.mesh;
+    const halos: Stroke[] = [];
+    const strokes: Stroke[] = [];
+    for (const [id, { line, onMesh, isWrong, lacking }] of this.judgements) {
+      const [from, to] = this.ends(line);
+      const { a, b } = line.resolved ?? {};
+      if (!mesh || !from || !to || !a || !b || !onMesh) continue;
+      const isSelected = id === selected;
+      const widthPx = isSelected ? 4 : 2;
+      const colour = stated(line) === "UNKNOWN" ? COLOURS.UNKNOWN : COLOURS[onMesh];
+      const solid = { colour, opacity: 1, widthPx, isDashed: false };
+      if (isWrong || lacking !== undefined) {
+        halos.push({ from, to, colour: isWrong && lacking === undefined ? COLOURS.wrong : COLOURS.named, opacity: 0.5, widthPx: widthPx + 7, isDashed: false });
+      }
+      const t = onMesh === "BLOCKED" ? firstBelow(mesh, a, b) : undefined;
+      if (t === undefined) {
+        strokes.push({ ...solid, from, to });
+        continue;
+      }
+      const at = from.clone().lerp(to, t);
+      strokes.push({ ...solid, from, to: at }, { ...solid, from: at, to, isDashed: true });
+      strokes.push({ ...solid, from: at, to: at, widthPx: isSelected ? 12 : 7 });
+    }
+    this.picture.strokes.take([...halos, ...strokes]);
+    this.showVerdict(space);
+    this.showCounters();
+  }
+
+  private showVerdict(space: Space): void {
+    const verdict = within(this.element, ".verdict");
+    const judged = this.host.selected === undefined ? undefined : this.judgements.get(this.host.selected);
+    const { a, b } = judged?.line.resolved ?? {};
+    verdict.hidden = !judged?.onMesh || !a || !b;
+    if (!judged?.onMesh || !a || !b) return;
+    const { line, onMesh, isWrong, lacking } = judged;
+    const isNamed = lacking !== undefined;
+    verdict.dataset["kind"] = isNamed ? "named" : isWrong ? "wrong" : onMesh;
+    verdict.dataset["line"] = String(line.id);
+    verdict.dataset["onMesh"] = onMesh;
+    const mesh = make("b", WORDS[onMesh].toUpperCase());
+    const rest = isNamed
+      ? ` on this mesh, and named: the budget is too small${lacking > 0 ? ` by ${count(lacking)} triangles or more` : ""}`
+      : isWrong
+        ? ` on this mesh — wrong: it is ${WORDS[stated(line)]}`
+        : ` on this mesh, ${stated(line) === "UNKNOWN" ? "unknown ground below" : "as on the terrain"} · ${metres(lengthM(space, a, b))}`;
+    verdict.replaceChildren(mesh, rest);
+  }
+
+  private afterDrawing(): void {
+    const own = this.host.selected === undefined ? undefined : this.host.exercise.own.get(this.host.selected);
+    const judged = own && (this.judgements.get(own.id)?.line ?? this.host.exercise.stated.get(own.id));
+    const [a, b] = judged ? this.ends(judged) : [undefined, undefined];
+    this.handles.place(a && b ? { a, b } : undefined, (at) => this.picture.project(at));
+  }
+
+  private rates = { bytes: 0, pictures: 0 };
+
+  private showCounters(bytesPerS = this.rates.bytes, picturesPerS = this.rates.pictures): void {
+    this.rates = { bytes: bytesPerS, pictures: picturesPerS };
+    const { element, view } = this;
+    const frame = view.scene?.frame;
+    const wrong = [...this.judgements.values()].filter((j) => j.isWrong && j.lacking === undefined).length;
+    const named = this.isPlain ? 0 : (view.scene?.unsatisfied.size ?? 0);
+    const bound = frame?.distortionBoundPx ?? NaN;
+    Object.assign(element.dataset, {
+      mode: this.isPlain ? "plain" : "kept", budget: this.budget, triangles: view.scene?.mesh.triangleCount ?? 0, bound,
+      hash: view.scene?.mesh.hash.toString(16) ?? "", frames: view.frames, sequence: frame?.sequence ?? 0, epoch: frame?.epoch ?? 0,
+      base: frame?.baseSequence ?? 0, wrong, named, picturesPerS: picturesPerS.toFixed(1),
+    });
+    for (const mode of element.querySelectorAll<HTMLElement>(".modes button")) {
+      mode.setAttribute("aria-checked", String((mode.dataset["mode"] === "plain") === this.isPlain));
+    }
+    const slider = within<HTMLInputElement>(element, ".budget input");
+    if (document.activeElement !== slider) slider.value = String(Math.round(toSlider(this.budget, LEAST_BUDGET, GREATEST_BUDGET, BUDGET_STEPS)));
+    within(element, ".budget output").textContent = `${count(this.budget)} △`;
+    const item = (value: string, unit: string, kind = "", title = "") => {
+      const span = make("span", "", kind);
+      span.append(make("b", value), ` ${unit}`);
+      span.title = title;
+      return span;
+    };
+    const counters = within(element, ".counters");
+    if (this.trouble) return counters.replaceChildren(make("span", this.trouble, "blocked"));
+    counters.replaceChildren(
+      item(count(view.scene?.mesh.triangleCount ?? 0), "triangles"),
+      item(Number.isFinite(bound) ? bound.toFixed(bound < 10 ? 2 : 0) : "∞", "px bound", "", "No point of the terrain in the picture is drawn further off than this"),
+      item(bytes(bytesPerS), "a second"),
+      item(count(named), "unsatisfied", named > 0 ? "named" : "", "Lines that the frame names as too dear for the budget"),
+      item(count(wrong), "told wrongly", wrong > 0 ? "wrong" : "", "Lines that come out otherwise on this mesh than on the terrain, without being named"),
+      item(count(picturesPerS), "pictures a second", "rate", "Drawn only when something changes"),
+    );
+  }
+}
+
+/** Two digits that count. */
+function niceBudget(triangles: number): number {
+  const unit = 10 ** Math.max(0, Math.floor(Math.log10(triangles)) - 1);
+  return Math.round(triangles / unit) * unit;
+}
