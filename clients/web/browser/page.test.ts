@@ -45,7 +45,7 @@ beforeAll(async () => {
 afterAll(async () => {
   await browser?.close();
   await running?.remove();
-});
+}, 60_000);
 
 type Row = Record<string, string>;
 
@@ -63,39 +63,41 @@ async function held() {
 
 const end = ({ x, y, z }: Point) => ({ position: { x, y, z }, frame: CoordinateFrame.GRID, altitude: AltitudeReference.ABSOLUTE });
 
-/** Waits until the page is at the server's epoch, then compares every verdict that it shows. */
-async function compare(): Promise<Row[]> {
-  let [epoch, shown]: [bigint, Row[]] = [0n, []];
-  await until("the page is at the server's epoch", async () => {
-    const now = await held();
-    const panes = await Promise.all(VIEWS.map((view) => pane(letter(view))));
-    shown = await rows();
-    epoch = now?.epoch ?? -1n;
-    return panes.every((p) => p["mode"] === "plain" || p["epoch"] === String(epoch)) && shown.length === now?.sightLines.length;
-  }, PATIENCE_MS);
-  await sleep(150);
-  shown = await rows();
-  const now = await held();
-  expect(now?.epoch).toBe(epoch);
-  const panes = Object.fromEntries(await Promise.all(VIEWS.map(async (view) => [view, await pane(letter(view))] as const)));
-  for (const line of now?.sightLines ?? []) {
-    const row = shown.find((r) => r["line"] === String(line.id));
-    const { a, b } = line.resolved ?? {};
-    if (!row || !a || !b) throw new Error(`line ${line.id} is not shown, or has no ends`);
-    const { verdict } = await server.lines.queryLineOfSight({ a: end(a), b: end(b) });
-    expect(row["server"], `line ${line.id}`).toBe(Verdict[verdict]);
-    for (const view of VIEWS) {
-      const isKept = panes[view]?.["mode"] === "kept" && row[`${view}Named`] === undefined;
-      if (isKept && verdict !== Verdict.UNKNOWN) expect(row[view], `line ${line.id} in view ${view}`).toBe(Verdict[verdict]);
+/** Tries again until it holds: pictures come when the machine has time for them. */
+async function eventually<T>(check: () => Promise<T>): Promise<T> {
+  for (const deadline = Date.now() + PATIENCE_MS; ; await sleep(100)) {
+    try {
+      return await check();
+    } catch (error) {
+      if (Date.now() > deadline) throw error;
     }
   }
-  for (const view of VIEWS) {
-    const differing = shown.filter((r) => r["server"] !== "UNKNOWN" && r[view] !== r["server"] && r[`${view}Named`] === undefined).length;
-    expect(panes[view]?.["wrong"], `wrong in view ${view}`).toBe(String(differing));
-    expect(Number(panes[view]?.["triangles"])).toBeLessThanOrEqual(Number(panes[view]?.["budget"]));
+}
+
+/** Compares every verdict that the page shows, and what it counts, with what the server says of the same epoch. */
+const compare = (): Promise<Row[]> => eventually(async () => {
+  const [now, shown] = [await held(), await rows()];
+  const panes = await Promise.all(VIEWS.map(async (view) => ({ view, says: await pane(letter(view)) })));
+  expect(shown.length).toBe(now?.sightLines.length);
+  const verdicts = new Map<string, string>();
+  for (const { id, resolved } of now?.sightLines ?? []) {
+    if (!resolved?.a || !resolved.b) throw new Error(`line ${id} has no ends`);
+    const { verdict } = await server.lines.queryLineOfSight({ a: end(resolved.a), b: end(resolved.b) });
+    verdicts.set(String(id), Verdict[verdict]);
+  }
+  const isComparable = (row: Row) => row["server"] !== "UNKNOWN";
+  for (const row of shown) expect(row["server"], `line ${row["line"]}`).toBe(verdicts.get(row["line"] ?? ""));
+  for (const { view, says } of panes) {
+    const differing = shown.filter((row) => isComparable(row) && row[view] !== row["server"] && !row[`${view}Named`]);
+    if (says["mode"] === "kept") {
+      expect(says["epoch"], `epoch of view ${view}`).toBe(String(now?.epoch));
+      expect(differing, `view ${view}`).toEqual([]);
+    }
+    expect(says["wrong"], `wrong in view ${view}`).toBe(String(differing.length));
+    expect(Number(says["triangles"])).toBeLessThanOrEqual(Number(says["budget"]));
   }
   return shown;
-}
+});
 
 /** Moves the budget of a view with the keys of its slider. */
 async function budget(view: string, key: "Home" | "End", steps = 0): Promise<void> {
@@ -105,6 +107,7 @@ async function budget(view: string, key: "Home" | "End", steps = 0): Promise<voi
 }
 
 test("it begins with two views and lines on which both agree with the server", async () => {
+  await page.waitForSelector("[data-view=B]");
   await until("both views have a frame", async () => (await Promise.all(["A", "B"].map(pane))).every((p) => Number(p["frames"]) > 0), PATIENCE_MS);
   expect(await page.textContent("#link-text")).toBe("Connected");
   const shown = await compare();
@@ -124,18 +127,15 @@ test("an observer is dragged behind a ridge, and both views turn the line red", 
   await page.mouse.move(x, y);
   await page.mouse.down();
   const verdicts = () => page.$$eval(".pane .verdict", (all) => all.map((it) => (it as HTMLElement).dataset["onMesh"] ?? ""));
-  const seen = new Set<string>();
   for (let n = 1; n <= 24; n++) {
     await page.mouse.move(x - 6 * n, y + 2 * n);
     await sleep(30);
-    seen.add((await verdicts()).join(" "));
   }
   await page.mouse.up();
   await until("both say blocked", async () => (await verdicts()).join(" ") === "BLOCKED BLOCKED", PATIENCE_MS);
   await compare();
   await until("the sentence says so, too", async () => /BLOCKED — first obstruction/.test((await page.textContent("#answer")) ?? ""), PATIENCE_MS);
   await picture("2-dragged");
-  expect(seen.size).toBeGreaterThan(0);
 }, 120_000);
 
 test("a click places an observer and its target, and so does the keyboard", async () => {
@@ -160,9 +160,7 @@ test("a click places an observer and its target, and so does the keyboard", asyn
 test("a budget too small for the lines is kept, and the lines that it cannot hold are named", async () => {
   await budget("A", "Home");
   await until("view A has few triangles", async () => Number((await pane("A"))["triangles"]) <= 50, PATIENCE_MS);
-  const shown = await compare();
-  await until("lines are named", async () => Number((await pane("A"))["named"]) > 0, PATIENCE_MS);
-  expect(shown.some((row) => row["aNamed"])).toBe(true);
+  await eventually(async () => expect((await compare()).some((row) => row["aNamed"])).toBe(true));
   await picture("3-tight");
   await budget("A", "Home", 60);
   await until("view A has more", async () => Number((await pane("A"))["triangles"]) > 1_000, PATIENCE_MS);
@@ -205,7 +203,7 @@ test("errors and a viewshed are shown, and a fidelity is asked", async () => {
 test("it says that the server is away, keeps what it had, and goes on by itself", async () => {
   const before = await compare();
   await running.kill();
-  await page.waitForSelector("#link[data-state=away]", { timeout: 8_000 });
+  await page.waitForSelector("#link[data-state=away]", { timeout: 12_000 });
   expect(await page.isVisible("#banner")).toBe(true);
   const shown = async () => (await rows()).map(({ line, server: its, a, b }) => [line, its, a, b]);
   const kept = before.map(({ line, server: its, a, b }) => [line, its, a, b]);

@@ -45,6 +45,7 @@ export class Picture {
     this.renderer.setSize(width, height, false);
     this.strokes.viewport = [width, height];
     this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
     // A canvas that has changed its size is empty, and shown so if it is not drawn at once.
     this.render();
     return { width: this.canvas.width, height: this.canvas.height };
@@ -64,6 +65,9 @@ export class Picture {
     this.camera.near = Math.max(NEAR_M, orbit.distance / 300);
     this.camera.far = orbit.distance * 3 + 1.5 * Math.hypot(this.space.east, this.space.north);
     this.ground.hazeAt = this.camera.far * 0.55;
+    // At once: what is pointed at before the next picture is pointed at from here.
+    this.camera.updateProjectionMatrix();
+    this.camera.updateMatrixWorld();
     this.draw();
     const { x, y, z, w } = rotation;
     return { eye: this.space.sceneFromLocal(eye), rotation: { x, y, z, w } };
@@ -77,8 +81,6 @@ export class Picture {
   private render(): void {
     cancelAnimationFrame(this.requested);
     this.requested = 0;
-    this.camera.updateProjectionMatrix();
-    this.camera.updateMatrixWorld();
     this.renderer.render(this.stage, this.camera);
     this.drawn += 1;
     this.after();

@@ -2,7 +2,7 @@
 
 import { create } from "@bufbuild/protobuf";
 import { Orbit } from "../draw/orbit";
-import type { Overlay } from "../draw/ground";
+import { ERROR_COLOURS, ERROR_STEPS_M, type Overlay } from "../draw/ground";
 import { NEAR_M, Picture, TAN_HALF_FOV } from "../draw/picture";
 import { type Space, lengthM } from "../draw/space";
 import type { Stroke } from "../draw/strokes";
@@ -17,7 +17,6 @@ import type { Errors } from "./errors";
 import { listen } from "./gestures";
 import { Handles, type Which } from "./handles";
 import { COLOURS, type Judged, WORDS, judge, stated } from "./judge";
-import { ERROR_COLOURS, ERROR_STEPS_M } from "../draw/ground";
 
 export const LEAST_BUDGET = 50;
 export const GREATEST_BUDGET = 50_000;
@@ -416,7 +415,7 @@ export class Pane {
     counters.replaceChildren(
       item(count(view.scene?.mesh.triangleCount ?? 0), "triangles"),
       item(Number.isFinite(bound) ? bound.toFixed(bound < 10 ? 2 : 0) : "∞", "px bound", "", "No point of the terrain in the picture is drawn further off than this"),
-      item(bytes(bytesPerS), "a second"),
+      item(bytes(bytesPerS), "a second", "bytes"),
       item(count(named), "unsatisfied", named > 0 ? "named" : "", "Lines that the frame names as too dear for the budget"),
       item(count(wrong), "told wrongly", wrong > 0 ? "wrong" : "", "Lines that come out otherwise on this mesh than on the terrain, without being named"),
       item(count(picturesPerS), "pictures a second", "rate", "Drawn only when something changes"),

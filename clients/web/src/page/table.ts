@@ -1,6 +1,7 @@
 /** All sight lines: the exact verdict of the server, and what each view makes of it. */
 
 import { type Space, lengthM } from "../draw/space";
+import type { Segment } from "../generated/sightline/v1/common_pb";
 import type { SightLineState } from "../generated/sightline/v1/exercise_pb";
 import { byId, count, make, metres } from "./dom";
 import { WORDS, stated } from "./judge";
@@ -42,15 +43,22 @@ export class Table {
     row.append(make("td", String(id)), make("td", a && b ? metres(lengthM(space, a, b)) : "–"), make("td", WORDS[verdict], verdict.toLowerCase()));
     for (const pane of panes) {
       const judged = pane.judgements.get(id);
-      const onMesh = judged?.onMesh;
+      // A line that has moved since waits for the view's frame of its epoch.
+      const onMesh = judged && isSame(judged.line.resolved, line.resolved) ? judged.onMesh : undefined;
       const isNamed = judged?.lacking !== undefined;
       row.dataset[pane.letter.toLowerCase()] = onMesh ?? "";
       if (isNamed) row.dataset[`${pane.letter.toLowerCase()}Named`] = "true";
-      const text = onMesh ? WORDS[onMesh] : "–";
-      const kind = isNamed ? "named" : judged?.isWrong ? "wrong" : (onMesh ?? "unknown").toLowerCase();
-      row.append(make("td", isNamed ? `${text} · named` : judged?.isWrong ? `${text} ✗` : text, kind));
+      const isWrong = onMesh !== undefined && judged?.isWrong === true;
+      const text = onMesh ? WORDS[onMesh] : a && b ? "…" : "–";
+      const kind = isNamed ? "named" : isWrong ? "wrong" : (onMesh ?? "unknown").toLowerCase();
+      row.append(make("td", isNamed ? `${text} · named` : isWrong ? `${text} ✗` : text, kind));
     }
     row.addEventListener("click", () => this.select(id));
     return row;
   }
+}
+
+function isSame(p: Segment | undefined, q: Segment | undefined): boolean {
+  const numbers = (s: Segment | undefined) => [s?.a?.x, s?.a?.y, s?.a?.z, s?.b?.x, s?.b?.y, s?.b?.z];
+  return numbers(p).every((n, k) => n === numbers(q)[k]);
 }

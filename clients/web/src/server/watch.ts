@@ -3,15 +3,15 @@
  * anew, and the views with it, with their last poses and settings.
  */
 
-import { CALL_MS, Code, ConnectError, type Server, said } from "./connection";
+import { Code, ConnectError, type Server, isAway, said } from "./connection";
 import type { WatchedView } from "./view";
 
 /** How long to wait before the next try, in milliseconds: at first and at most. */
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 2_000;
 /** How often a silent server is asked whether it is there, and how long it may take to say so, in milliseconds. */
-const PULSE_MS = 4_000;
-const PULSE_PATIENCE_MS = 5_000;
+const PULSE_MS = 3_000;
+const PULSE_PATIENCE_MS = 4_000;
 
 export type Link =
   | { readonly state: "connecting" }
@@ -123,13 +123,13 @@ export class Watch {
     return undefined;
   }
 
-  /** A machine that vanishes says nothing, and neither does its connection. */
+  /** A machine that vanishes says nothing, and what stands between may hold the stream open. */
   private async feelPulse(): Promise<void> {
     const { stream } = this;
     try {
-      await this.server.terrain.describeTerrain({}, { timeoutMs: Math.min(PULSE_PATIENCE_MS, CALL_MS) });
+      await this.server.terrain.describeTerrain({}, { timeoutMs: PULSE_PATIENCE_MS });
     } catch (error) {
-      if (ConnectError.from(error).code === Code.DeadlineExceeded) stream.abort(error);
+      if (isAway(error)) stream.abort(error);
     }
   }
 }
