@@ -56,7 +56,7 @@ async function insist<T>(call: () => Promise<T>): Promise<T> {
       const { code } = ConnectError.from(error);
       if (code === Code.Unauthenticated || code === Code.PermissionDenied) await askToken(said(error));
       else {
-        show({ state: "away", reason: said(error), since: Date.now() });
+        show({ state: "away", reason: said(error) });
         await new Promise((wake) => setTimeout(wake, RETRY_MS));
       }
     }

@@ -2,7 +2,6 @@
 
 import { expect, test } from "vitest";
 import { PayloadError } from "../src/mesh/bits";
-import { Grid } from "../src/mesh/grid";
 import { postHash } from "../src/mesh/hash";
 import type { Mesh } from "../src/mesh/mesh";
 import { file, hex, listed, meshOf, posts } from "./support";
@@ -66,17 +65,4 @@ test("hashes worked by hand", () => {
   expect(postHash(1, 0, -32768)).toBe(0xb3a64f69df099e08n);
   expect(postHash(0, 1, 2147483647)).toBe(0xc10064bc887c3785n);
   expect(postHash(1, 1, -2147483648)).toBe(0xf169b38da54d088fn);
-});
-
-test("parents and children are inverse", () => {
-  const grid = new Grid(17, 17, 4);
-  const inner = Array.from({ length: 17 * 17 }, (_, n) => grid.post(n)).filter((p) => !grid.isCorner(p.i, p.j));
-  const pairs = (of: (i: number, j: number) => { i: number; j: number }[], turned: boolean) =>
-    inner.flatMap((p) => of(p.i, p.j).map((q) => (turned ? [q, p] : [p, q]))).flatMap(([p, q]) =>
-      p && q && !grid.isCorner(p.i, p.j) ? [`${p.i},${p.j} ${q.i},${q.j}`] : []).sort();
-  expect(pairs((i, j) => grid.children(i, j), false)).toEqual(pairs((i, j) => grid.parents(i, j), true));
-  for (const p of inner) {
-    const isCentre = p.i === 8 && p.j === 8;
-    expect(grid.parents(p.i, p.j).length).toBe(isCentre ? 2 : grid.parentCount(p.i, p.j));
-  }
 });

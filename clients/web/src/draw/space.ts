@@ -3,7 +3,7 @@
  * scene frame moved to the middle of the terrain, so that the singles of a graphics card keep their digits.
  */
 
-import { Quaternion, Vector3 } from "three";
+import { Vector3 } from "three";
 import type { TerrainDescription } from "../generated/sightline/v1/terrain_pb";
 import type { Point } from "../mesh/line";
 
@@ -52,5 +52,3 @@ export function lengthM(space: Space, a: Point, b: Point): number {
   const { scale } = space;
   return Math.hypot((b.x - a.x) * scale.x, (b.y - a.y) * scale.y, (b.z - a.z) * scale.z);
 }
-
-export { Quaternion, Vector3 };

@@ -1,6 +1,6 @@
 /**
  * The root square and the arithmetic of its diamonds. Every post but the four corners is the centre of one diamond; its
- * shape, parents and children follow from the lowest set bit `b` of `i | j` alone (WIRE.md, "What is encoded").
+ * shape and children follow from the lowest set bit `b` of `i | j` alone (WIRE.md, "What is encoded").
  */
 
 /** Numbers of posts must be exact in a double: (2^26 + 1)^2 is less than 2^53. */
@@ -47,10 +47,6 @@ export class Grid {
     return [{ i: 0, j: 0 }, { i: s, j: 0 }, { i: 0, j: s }, { i: s, j: s }];
   }
 
-  isCorner(i: number, j: number): boolean {
-    return (i === 0 || i === this.side) && (j === 0 || j === this.side);
-  }
-
   has(i: number, j: number): boolean {
     return i >= 0 && j >= 0 && i <= this.side && j <= this.side;
   }
@@ -71,24 +67,10 @@ export class Grid {
       : [{ i: i - h, j: j - h }, { i: i + h, j: j - h }, { i: i - h, j: j + h }, { i: i + h, j: j + h }];
     return all.filter((p) => this.has(p.i, p.j));
   }
-
-  /** The posts that must be active for (i, j), no corner, to be. */
-  parents(i: number, j: number): Post[] {
-    const b = lowestBit(i, j);
-    const [odd, even] = [(i & b) !== 0, (j & b) !== 0];
-    let all: Post[];
-    if (odd && even) {
-      const isOdd = (p: Post) => (p.i / (2 * b) + p.j / (2 * b)) % 2 === 1;
-      all = [-b, b].flatMap((y) => [-b, b].map((x) => ({ i: i + x, j: j + y }))).filter(isOdd);
-    } else {
-      all = odd ? [{ i, j: j - b }, { i, j: j + b }] : [{ i: i - b, j }, { i: i + b, j }];
-    }
-    return all.filter((p) => this.has(p.i, p.j));
-  }
 }
 
 /** Lowest set bit of i | j, not both 0. */
-export function lowestBit(i: number, j: number): number {
+function lowestBit(i: number, j: number): number {
   const both = i | j;
   return both & -both;
 }

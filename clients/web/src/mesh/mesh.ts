@@ -46,11 +46,6 @@ export class Mesh implements Base {
     return this.sum;
   }
 
-  /** Number of active posts, the corners included. */
-  get postCount(): number {
-    return this.heights.size;
-  }
-
   height(i: number, j: number): number | undefined {
     return this.heights.get(this.grid.key(i, j));
   }

@@ -1,7 +1,7 @@
 /** The page as a whole: its views, its exercise, which line is selected, and what is asked of the server about it. */
 
 import { Orbit } from "../draw/orbit";
-import { Space, Vector3, lengthM } from "../draw/space";
+import { type Space, lengthM } from "../draw/space";
 import type { Overlay } from "../draw/ground";
 import { AltitudeReference, CoordinateFrame } from "../generated/sightline/v1/common_pb";
 import type { Fidelity, SightLineState } from "../generated/sightline/v1/exercise_pb";
@@ -170,7 +170,7 @@ export class App implements Host {
   }
 
   /** A new line from here, or the end of the one that is being placed. */
-  clicked(_: Pane, at: Point): void {
+  clicked(at: Point): void {
     if (this.placing !== undefined) {
       this.moveEnd("b", at);
       this.placing = undefined;
@@ -340,7 +340,6 @@ export class App implements Host {
     const { about, space } = this;
     const { a, b } = about?.line.resolved ?? {};
     if (!about || !a || !b) return plot(undefined);
-    const [p, q] = [space.localFromGrid(a), space.localFromGrid(b)];
     const first = about.los.firstFromA;
     plot({
       a, b,
@@ -348,7 +347,7 @@ export class App implements Host {
       meshes: this.panes.map((pane) => ({ name: pane.letter, colour: pane.colour, pieces: pane.sectionOf(a, b) })),
       colour: COLOURS[stated(about.line)],
       obstruction: first ? first.rangeM / (lengthM(space, a, b) || 1) : undefined,
-      planLengthM: Math.max(new Vector3(p.x, p.y, 0).distanceTo(new Vector3(q.x, q.y, 0)), 1e-6),
+      planLengthM: Math.max(lengthM(space, { ...a, z: 0 }, { ...b, z: 0 }), 1e-6),
       metresPerUnit: space.scale.z,
     });
   }

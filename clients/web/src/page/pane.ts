@@ -12,15 +12,13 @@ import type { Point } from "../mesh/line";
 import { type Piece, firstBelow, section } from "../mesh/section";
 import type { OwnExercise } from "../server/exercise";
 import { WatchedView } from "../server/view";
-import { bytes, count, fromSlider, make, metres, toSlider, within } from "./dom";
+import { BUDGET_STEPS, GREATEST_BUDGET, LEAST_BUDGET, showCounters } from "./counters";
+import { count, fromSlider, make, metres, within } from "./dom";
 import type { Errors } from "./errors";
 import { listen } from "./gestures";
 import { Handles, type Which } from "./handles";
 import { COLOURS, type Judged, WORDS, judge, stated } from "./judge";
 
-export const LEAST_BUDGET = 50;
-export const GREATEST_BUDGET = 50_000;
-const BUDGET_STEPS = 120;
 /** A click this near to a line selects it, in pixels. */
 const NEAR_PX = 7;
 
@@ -33,7 +31,7 @@ export interface Host {
   readonly showsErrors: boolean;
   /** The camera of a pane has moved by hand. */
   moved(pane: Pane): void;
-  clicked(pane: Pane, at: Point): void;
+  clicked(at: Point): void;
   hovered(at: Point): void;
   select(id: bigint): void;
   moveEnd(which: Which, at: Point): void;
@@ -58,6 +56,7 @@ export class Pane {
   private isUpdateDue = false;
   private judgedHash: bigint | undefined;
   private trouble = "";
+  private rates = { bytes: 0, pictures: 0 };
   private pulse = { bytes: 0, drawn: 0, at: performance.now() };
 
   constructor(
@@ -173,7 +172,8 @@ export class Pane {
   tick(): void {
     const now = performance.now();
     const seconds = (now - this.pulse.at) / 1000;
-    this.showCounters((this.view.bytes - this.pulse.bytes) / seconds, (this.picture.drawn - this.pulse.drawn) / seconds);
+    this.rates = { bytes: (this.view.bytes - this.pulse.bytes) / seconds, pictures: (this.picture.drawn - this.pulse.drawn) / seconds };
+    this.showCounters();
     this.pulse = { bytes: this.view.bytes, drawn: this.picture.drawn, at: now };
   }
 
@@ -212,7 +212,7 @@ export class Pane {
         const line = this.lineAt(x, y);
         const at = this.pick(x, y);
         if (line !== undefined && line !== host.selected) host.select(line);
-        else if (at) host.clicked(this, at);
+        else if (at) host.clicked(at);
       },
       hover: (x, y) => {
         const at = this.pick(x, y);
@@ -234,7 +234,7 @@ export class Pane {
     else if (event.key === "-") orbit.zoom(1.15);
     else if (event.key === "Enter") {
       const at = this.pick(this.canvas.clientWidth / 2, this.canvas.clientHeight / 2);
-      if (at) this.host.clicked(this, at);
+      if (at) this.host.clicked(at);
       return event.preventDefault();
     } else return;
     event.preventDefault();
@@ -384,42 +384,8 @@ export class Pane {
     this.handles.place(a && b ? { a, b } : undefined, (at) => this.picture.project(at));
   }
 
-  private rates = { bytes: 0, pictures: 0 };
-
-  private showCounters(bytesPerS = this.rates.bytes, picturesPerS = this.rates.pictures): void {
-    this.rates = { bytes: bytesPerS, pictures: picturesPerS };
-    const { element, view } = this;
-    const frame = view.scene?.frame;
-    const wrong = [...this.judgements.values()].filter((j) => j.isWrong && j.lacking === undefined).length;
-    const named = this.isPlain ? 0 : (view.scene?.unsatisfied.size ?? 0);
-    const bound = frame?.distortionBoundPx ?? NaN;
-    Object.assign(element.dataset, {
-      mode: this.isPlain ? "plain" : "kept", budget: this.budget, triangles: view.scene?.mesh.triangleCount ?? 0, bound,
-      hash: view.scene?.mesh.hash.toString(16) ?? "", frames: view.frames, sequence: frame?.sequence ?? 0, epoch: frame?.epoch ?? 0,
-      base: frame?.baseSequence ?? 0, wrong, named, picturesPerS: picturesPerS.toFixed(1),
-    });
-    for (const mode of element.querySelectorAll<HTMLElement>(".modes button")) {
-      mode.setAttribute("aria-checked", String((mode.dataset["mode"] === "plain") === this.isPlain));
-    }
-    const slider = within<HTMLInputElement>(element, ".budget input");
-    if (document.activeElement !== slider) slider.value = String(Math.round(toSlider(this.budget, LEAST_BUDGET, GREATEST_BUDGET, BUDGET_STEPS)));
-    within(element, ".budget output").textContent = `${count(this.budget)} △`;
-    const item = (value: string, unit: string, kind = "", title = "") => {
-      const span = make("span", "", kind);
-      span.append(make("b", value), ` ${unit}`);
-      span.title = title;
-      return span;
-    };
-    const counters = within(element, ".counters");
-    if (this.trouble) return counters.replaceChildren(make("span", this.trouble, "blocked"));
-    counters.replaceChildren(
-      item(count(view.scene?.mesh.triangleCount ?? 0), "triangles"),
-      item(Number.isFinite(bound) ? bound.toFixed(bound < 10 ? 2 : 0) : "∞", "px bound", "", "No point of the terrain in the picture is drawn further off than this"),
-      item(bytes(bytesPerS), "a second", "bytes"),
-      item(count(named), "unsatisfied", named > 0 ? "named" : "", "Lines that the frame names as too dear for the budget"),
-      item(count(wrong), "told wrongly", wrong > 0 ? "wrong" : "", "Lines that come out otherwise on this mesh than on the terrain, without being named"),
-      item(count(picturesPerS), "pictures a second", "rate", "Drawn only when something changes"),
-    );
+  private showCounters(): void {
+    showCounters(this, this.rates, this.trouble);
   }
 }
 

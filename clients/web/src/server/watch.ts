@@ -16,7 +16,7 @@ const PULSE_PATIENCE_MS = 4_000;
 export type Link =
   | { readonly state: "connecting" }
   | { readonly state: "up" }
-  | { readonly state: "away"; readonly reason: string; readonly since: number }
+  | { readonly state: "away"; readonly reason: string }
   | { readonly state: "refused"; readonly reason: string };
 
 export interface WatchHooks {
@@ -31,7 +31,6 @@ export class Watch {
   private watchId: string | undefined;
   private stream = new AbortController();
   private isOver = false;
-  private awaySince: number | undefined;
 
   constructor(
     private readonly server: Server,
@@ -91,8 +90,7 @@ export class Watch {
   private lost(reason: string): void {
     this.watchId = undefined;
     for (const view of this.views.keys()) view.lose();
-    this.awaySince ??= Date.now();
-    if (!this.isOver) this.hooks.link({ state: "away", reason, since: this.awaySince });
+    if (!this.isOver) this.hooks.link({ state: "away", reason });
   }
 
   private async watch(begun: () => void): Promise<void> {
@@ -103,7 +101,6 @@ export class Watch {
         if (response.case === "begun") {
           await this.hooks.prepare();
           this.watchId = response.value.watchId;
-          this.awaySince = undefined;
           begun();
           this.hooks.link({ state: "up" });
           for (const view of this.views.keys()) void this.reopen(view);
