@@ -63,7 +63,8 @@ impl File {
             let mut packer = GzEncoder::new(Vec::new(), Compression::default());
             // Memory takes whatever is written; an empty packing is sent to nobody.
             let gzip = packer.write_all(self.content).and_then(|()| packer.finish()).unwrap_or_default();
-            Packed { tag: format!("\"{:016x}\"", xxh3_64(self.content)), gzip: gzip.into() }
+            // Weak: the same whether packed or not.
+            Packed { tag: format!("W/\"{:016x}\"", xxh3_64(self.content)), gzip: gzip.into() }
         })
     }
 

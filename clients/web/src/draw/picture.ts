@@ -35,6 +35,7 @@ export class Picture {
     this.renderer.setClearAlpha(0);
     this.ground = new Ground(space);
     this.stage.add(this.ground.drawn, this.strokes.drawn);
+    canvas.addEventListener("webglcontextrestored", () => this.draw());
   }
 
   /** Fits the canvas to its box; its size in pixels of the screen. */
@@ -115,5 +116,7 @@ export class Picture {
     this.ground.dispose();
     this.strokes.dispose();
     this.renderer.dispose();
+    // Browsers allow a few contexts only, and collect them late.
+    this.renderer.forceContextLoss();
   }
 }

@@ -155,6 +155,7 @@ export class App implements Host {
 
   select(id: bigint | undefined): void {
     this.selected = id;
+    if (id !== this.placing) this.placing = undefined;
     this.hooks.selected(id === undefined ? undefined : this.exercise.own.get(id));
     this.followSelected();
     for (const pane of this.panes) pane.update();
