@@ -31,7 +31,7 @@ export class Picture {
     private readonly space: Space,
     private readonly after: () => void,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer = new WebGLRenderer({ canvas, antialias: !isSoftware(), alpha: true });
     this.renderer.setClearAlpha(0);
     this.ground = new Ground(space);
     this.stage.add(this.ground.drawn, this.strokes.drawn);
@@ -119,4 +119,18 @@ export class Picture {
     // Browsers allow a few contexts only, and collect them late.
     this.renderer.forceContextLoss();
   }
+}
+
+let software: boolean | undefined;
+
+/** Whether the processor draws, as far as the browser tells: then smooth edges cost more than they give. */
+function isSoftware(): boolean {
+  if (software === undefined) {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+    software = /swiftshader|llvmpipe|software/i.test(name);
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  }
+  return software;
 }
