@@ -114,7 +114,7 @@ test("it begins with two views and lines on which both agree with the server", a
   expect(shown.length).toBe(12);
   expect(new Set(shown.map((row) => row["server"])).size).toBe(2);
   await until("a line is chosen and explained", async () => /VISIBLE/.test((await page.textContent("#answer")) ?? ""), PATIENCE_MS);
-  expect(await page.$$eval("#profile .mesh", (all) => all.length)).toBe(2);
+  await until("both meshes are in the profile", async () => (await page.$$eval("#profile .mesh", (all) => all.length)) === 2, PATIENCE_MS);
   await picture("1-start");
 }, 120_000);
 
