@@ -189,10 +189,10 @@ fn put(
 ) -> Result<(), StoreError> {
     let head = encode(&Head { created, revision, epoch: after.epoch() })?;
     change.open_table(HEADS).map_err(failed)?.insert(after.name(), &head[..]).map_err(failed)?;
-    let entities = |exercise: &Exercise| exercise.entities().map(|entity| (entity.id, *entity)).collect();
-    put_things(change, ENTITIES, created, entities(before), entities(after))?;
-    let lines = |exercise: &Exercise| exercise.sight_lines().map(|state| (state.line.id, state.line)).collect();
-    put_things(change, SIGHT_LINES, created, lines(before), lines(after))
+    let entities = [before, after].map(|exercise| exercise.entities().map(|entity| (entity.id, *entity)));
+    put_things(change, ENTITIES, created, entities)?;
+    let lines = [before, after].map(|exercise| exercise.sight_lines().map(|state| (state.line.id, state.line)));
+    put_things(change, SIGHT_LINES, created, lines)
 }
 
 /// Writes what differs between two lists, both by ascending id.
@@ -200,11 +200,10 @@ fn put_things<T: PartialEq + Sealed>(
     change: &WriteTransaction,
     things: Things,
     created: u64,
-    before: Vec<(u64, T)>,
-    after: Vec<(u64, T)>,
+    [before, after]: [impl Iterator<Item = (u64, T)>; 2],
 ) -> Result<(), StoreError> {
     let mut table = change.open_table(things).map_err(failed)?;
-    let mut before = before.into_iter().peekable();
+    let mut before = before.peekable();
     for (id, thing) in after {
         while let Some((gone, _)) = before.next_if(|(earlier, _)| *earlier < id) {
             table.remove((created, gone)).map_err(failed)?;
@@ -224,9 +223,8 @@ fn put_things<T: PartialEq + Sealed>(
 fn read(file: &Database, site: &Site, field: &impl HeightField) -> Result<State, StoreError> {
     let reading = file.begin_read().map_err(failed)?;
     let heads = reading.open_table(HEADS).map_err(failed)?;
-    let tables = [ENTITIES, SIGHT_LINES].map(|things| reading.open_table(things).map_err(failed));
-    let [entities, lines] = tables;
-    let (entities, lines) = (entities?, lines?);
+    let entities = reading.open_table(ENTITIES).map_err(failed)?;
+    let lines = reading.open_table(SIGHT_LINES).map_err(failed)?;
     let last = reading.open_table(FILE).map_err(failed)?.get("last_revision").map_err(failed)?;
     let last = last.map(|bytes| bytes.value().try_into().map(u64::from_le_bytes)).transpose();
     let mut state =

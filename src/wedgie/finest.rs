@@ -38,7 +38,7 @@ pub fn finest_bounds_with(
     if !is_inner(grid, p) {
         return outer(grid, scale, p, tilted, &mut |q| height(grid.clamp(q)));
     }
-    let steps = Steps::new(scale);
+    let steps = Steps::new(scale, 1);
     let mut at = |di: i32, dj: i32| height(Post::new(p.i.wrapping_add_signed(di), p.j.wrapping_add_signed(dj)));
     if tilted {
         let cross = Cross { z: at(0, 0)?, west: at(-1, 0)?, east: at(1, 0)?, south: at(0, -1)?, north: at(0, 1)? };
@@ -52,7 +52,7 @@ pub fn finest_bounds_with(
             }
         }
     }
-    Ok(square(&steps, deviation, rows.each_ref().map(|row| row.as_slice()), 0, rises(p)))
+    Ok(square(&steps, &rows, rises(p)))
 }
 
 /// Whether all heights that the bounds of the diamond at `p` follow from are in the grid.
@@ -72,7 +72,7 @@ pub(super) trait Deviate: Fn(f64, [f64; 2]) -> f64 + Copy {}
 
 impl<F: Fn(f64, [f64; 2]) -> f64 + Copy> Deviate for F {}
 
-/// Squares of the metres of a step east and north, and metres per height unit.
+/// Squares of the metres of a step of some posts east and north, and metres per height unit.
 pub(super) struct Steps {
     pub(super) east2: f64,
     pub(super) north2: f64,
@@ -81,8 +81,9 @@ pub(super) struct Steps {
 
 impl Steps {
     #[inline]
-    pub(super) fn new(scale: SceneScale) -> Self {
-        Self { east2: scale.east_m * scale.east_m, north2: scale.north_m * scale.north_m, up: scale.up_m }
+    pub(super) fn new(scale: SceneScale, posts: u32) -> Self {
+        let [east, north] = [scale.east_m, scale.north_m].map(|post_m| f64::from(posts) * post_m);
+        Self { east2: east * east, north2: north * north, up: scale.up_m }
     }
 
     #[inline]
@@ -93,18 +94,18 @@ impl Steps {
 }
 
 /// The heights of a post and of its four neighbours.
-struct Cross {
-    z: f64,
-    west: f64,
-    east: f64,
-    south: f64,
-    north: f64,
+pub(super) struct Cross {
+    pub(super) z: f64,
+    pub(super) west: f64,
+    pub(super) east: f64,
+    pub(super) south: f64,
+    pub(super) north: f64,
 }
 
 impl Cross {
     /// The bounds of the tilted diamond of half-length 1 at the post, whose base runs east or north.
     #[inline]
-    fn bounds(&self, steps: &Steps, deviate: impl Deviate, base_runs_east: bool) -> DiamondBounds {
+    pub(super) fn bounds(&self, steps: &Steps, deviate: impl Deviate, base_runs_east: bool) -> DiamondBounds {
         let Self { z, west, east, south, north } = *self;
         let tight = round_up(deviate(z, if base_runs_east { [west, east] } else { [south, north] }));
         let across = steps.east2 + steps.rise2(z, west).max(steps.rise2(z, east));
@@ -113,15 +114,15 @@ impl Cross {
     }
 }
 
-/// The bounds of the square diamond of half-length 1 at column `west + 2` of the middle one of five rows.
+/// The bounds of the square diamond of half-length 1 in the middle of five rows.
 #[inline]
-fn square(steps: &Steps, deviate: impl Deviate, rows: [&[f64]; 5], west: usize, rises: bool) -> DiamondBounds {
-    let [far_south, south, row, north, far_north] = rows.map(|row| &row[west..west + 5]);
+fn square(steps: &Steps, rows: &[[f64; 5]; 5], rises: bool) -> DiamondBounds {
+    let [far_south, south, row, north, far_north] = rows;
     let z = row[2];
     let base = if rises { [south[1], north[3]] } else { [south[3], north[1]] };
     let corners = [south[1], south[3], north[1], north[3]].map(|corner| steps.rise2(z, corner));
     let mut reach = (steps.east2 + steps.north2 + corners.into_iter().fold(0.0, f64::max)).sqrt();
-    let mut tight = round_up(deviate(z, base));
+    let mut tight = round_up(deviation(z, base));
     let children = [
         (Cross { z: row[1], west: row[0], east: z, south: south[1], north: north[1] }, false),
         (Cross { z: row[3], west: z, east: row[4], south: south[3], north: north[3] }, false),
@@ -129,7 +130,7 @@ fn square(steps: &Steps, deviate: impl Deviate, rows: [&[f64]; 5], west: usize, 
         (Cross { z: north[2], west: north[1], east: north[3], south: z, north: far_north[2] }, true),
     ];
     for (child, base_runs_east) in children {
-        let inner = child.bounds(steps, deviate, base_runs_east);
+        let inner = child.bounds(steps, deviation, base_runs_east);
         let step2 = if base_runs_east { steps.north2 } else { steps.east2 };
         tight = tight.max(inner.tight);
         reach = reach.max((step2 + steps.rise2(z, child.z)).sqrt() + f64::from(inner.radius_m));
@@ -168,12 +169,6 @@ fn outer(
 
 fn base_ends(root: RootSquare, p: Post) -> [Post; 2] {
     root.base_ends(p).expect("a post that is no corner has a diamond")
-}
-
-/// |z - (end0 + end1) / 2| where f64 arithmetic makes no error: what [`deviation`] says, too.
-#[inline]
-pub(super) fn exact_deviation(z: f64, [from, to]: [f64; 2]) -> f64 {
-    (z - (from * 0.5 + to * 0.5)).abs()
 }
 
 /// A bound on |z - (end0 + end1) / 2|: exact when f64 arithmetic is, else rounded up.

@@ -7,7 +7,7 @@ use sightline_proto::diamond::Post;
 use super::{
     BALL_MARGIN, DiamondBounds,
     band::Band,
-    finest::{Deviate, Steps, deviation, exact_deviation, finest_bounds_with},
+    finest::{Cross, Deviate, Steps, deviation, finest_bounds_with},
     round_up,
 };
 use crate::terrain::{ReadError, SceneScale};
@@ -96,7 +96,7 @@ impl<'a> FinestRows<'a> {
         }
         let beside = self.tilted_of_even_columns(deviate, j, len + 1);
         let [below, above] = [j - 1, j + 1].map(|row| &self.tilted[slot(row)].1);
-        let steps = Steps::new(self.scale);
+        let steps = Steps::new(self.scale, 1);
         let [south, row, north] = [j - 1, j, j + 1].map(|j| self.halves(j));
         let both2 = steps.east2 + steps.north2;
         let z = &row.odd[1..][..len];
@@ -110,11 +110,11 @@ impl<'a> FinestRows<'a> {
         for n in 0..len {
             let to = |height: f64| steps.rise2(z[n], height);
             let corners = [south_west[n], south_east[n], north_west[n], north_east[n]].map(to);
-            let reach = (both2 + corners.into_iter().fold(0.0, greater)).sqrt();
-            let reach = greater((steps.east2 + to(west[n])).sqrt() + f64::from(west_child.1[n]), reach);
-            let reach = greater((steps.east2 + to(east[n])).sqrt() + f64::from(east_child.1[n]), reach);
-            let reach = greater((steps.north2 + to(south[n])).sqrt() + f64::from(south_child.1[n]), reach);
-            let reach = greater((steps.north2 + to(north[n])).sqrt() + f64::from(north_child.1[n]), reach);
+            let reach = (both2 + corners.into_iter().fold(0.0, f64::max)).sqrt();
+            let reach = reach.max((steps.east2 + to(west[n])).sqrt() + f64::from(west_child.1[n]));
+            let reach = reach.max((steps.east2 + to(east[n])).sqrt() + f64::from(east_child.1[n]));
+            let reach = reach.max((steps.north2 + to(south[n])).sqrt() + f64::from(south_child.1[n]));
+            let reach = reach.max((steps.north2 + to(north[n])).sqrt() + f64::from(north_child.1[n]));
             // Bases run from south-west to north-east in every other diamond.
             let rises = (n as u32 + 1 + j / 2).is_multiple_of(2);
             let rising = deviate(z[n], [south_west[n], north_east[n]]);
@@ -131,7 +131,7 @@ impl<'a> FinestRows<'a> {
         let [south, row, north] = [j - 1, j, j + 1].map(|j| self.halves(j));
         let [west, east] = [1, 2].map(|a| &row.even[a..][..len]);
         let [south, z, north] = [south, row, north].map(|row| &row.odd[1..][..len]);
-        Tilted::new(deviate, &Steps::new(self.scale), z, [west, east], [south, north], [west, east])
+        Tilted::new(deviate, &Steps::new(self.scale, 1), z, [west, east], [south, north], true)
     }
 
     /// The tilted diamonds of posts (2a, j), j odd, for a from 1.
@@ -139,7 +139,7 @@ impl<'a> FinestRows<'a> {
         let [south, row, north] = [j - 1, j, j + 1].map(|j| self.halves(j));
         let [west, east] = [0, 1].map(|a| &row.odd[a..][..len]);
         let [south, z, north] = [south, row, north].map(|row| &row.even[1..][..len]);
-        Tilted::new(deviate, &Steps::new(self.scale), z, [west, east], [south, north], [south, north])
+        Tilted::new(deviate, &Steps::new(self.scale, 1), z, [west, east], [south, north], false)
     }
 
     fn halves(&self, j: u32) -> &Halves {
@@ -159,30 +159,27 @@ impl Halves {
 }
 
 impl Tilted {
-    /// Of diamonds at heights `z` between those beside, and those before and behind; `base` is one of the two pairs.
+    /// Of diamonds at heights `z` between those beside, and those before and behind.
     fn new(
         deviate: impl Deviate,
         steps: &Steps,
         z: &[f64],
         [west, east]: [&[f64]; 2],
         [south, north]: [&[f64]; 2],
-        base: [&[f64]; 2],
+        base_runs_east: bool,
     ) -> Self {
-        let len = z.len();
-        let bound = |n: usize| {
-            let to = |height: f64| steps.rise2(z[n], height);
-            let across = steps.east2 + greater(to(west[n]), to(east[n]));
-            let along = steps.north2 + greater(to(south[n]), to(north[n]));
-            let radius_m = round_up(greater(across, along).sqrt() * BALL_MARGIN);
-            (round_up(deviate(z[n], [base[0][n], base[1][n]])), radius_m)
+        let bounds = |n: usize| {
+            let cross = Cross { z: z[n], west: west[n], east: east[n], south: south[n], north: north[n] };
+            let bounds = cross.bounds(steps, deviate, base_runs_east);
+            (bounds.tight, bounds.radius_m)
         };
-        let (tight, radius_m) = (0..len).map(bound).unzip();
+        let (tight, radius_m) = (0..z.len()).map(bounds).unzip();
         Self { tight, radius_m }
     }
 }
 
-/// The greater of two numbers; the second where the first is NaN.
+/// |z - (end0 + end1) / 2| where f64 arithmetic makes no error: what [`deviation`] says, too.
 #[inline]
-fn greater(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
+fn exact_deviation(z: f64, [from, to]: [f64; 2]) -> f64 {
+    (z - (from * 0.5 + to * 0.5)).abs()
 }

@@ -3,7 +3,12 @@
 
 use sightline_proto::diamond::Post;
 
-use super::{BALL_MARGIN, DiamondBounds, band::Band, finest::far, round_up};
+use super::{
+    BALL_MARGIN, DiamondBounds,
+    band::Band,
+    finest::{Steps, far},
+    round_up,
+};
 use crate::terrain::SceneScale;
 
 /// What the inner diamonds of one kind, in one row of a lattice, follow from.
@@ -13,8 +18,9 @@ pub(super) struct InnerRow<'a> {
     columns: std::ops::Range<u32>,
     /// The rows of heights a half-length south of the diamonds, through them, and a half-length north.
     heights: [&'a [f64]; 3],
+    /// Of a half-length.
+    steps: Steps,
     children: Children<'a>,
-    scale: SceneScale,
 }
 
 /// The bounds of the children of a row of diamonds.
@@ -25,6 +31,8 @@ pub(super) enum Children<'a> {
         heights: [&'a [f64]; 2],
         /// The rows of bounds south and north, of the posts with an odd multiple of 2^k in both coordinates.
         bounds: [&'a [DiamondBounds]; 2],
+        /// The square of the metres to them in plan.
+        step2: f64,
         /// What an index of a column of the grid is shifted by for one of the bounds.
         shift: u8,
     },
@@ -34,8 +42,17 @@ pub(super) enum Children<'a> {
 
 impl<'a> Children<'a> {
     /// Of tilted diamonds in row `j` of the grid, children at `step` from them.
-    pub(super) fn aslant(band: &'a Band, j: u32, step: u32, bounds: [&'a [DiamondBounds]; 2], shift: u8) -> Self {
-        Self::Aslant { heights: [band.row(j - step), band.row(j + step)], bounds, shift }
+    pub(super) fn aslant(
+        band: &'a Band,
+        scale: SceneScale,
+        j: u32,
+        step: u32,
+        bounds: [&'a [DiamondBounds]; 2],
+        shift: u8,
+    ) -> Self {
+        let steps = Steps::new(scale, step);
+        let heights = [band.row(j - step), band.row(j + step)];
+        Self::Aslant { heights, bounds, step2: steps.east2 + steps.north2, shift }
     }
 }
 
@@ -44,7 +61,7 @@ impl<'a> InnerRow<'a> {
     pub(super) fn new(band: &'a Band, scale: SceneScale, k: u8, j: u32, children: Children<'a>) -> Self {
         let h = 1 << k;
         let heights = [band.row(j - h), band.row(j), band.row(j + h)];
-        Self { k, columns: h..band.grid().nx().saturating_sub(h), heights, children, scale }
+        Self { k, columns: h..band.grid().nx().saturating_sub(h), heights, steps: Steps::new(scale, h), children }
     }
 
     #[inline]
@@ -58,8 +75,8 @@ impl<'a> InnerRow<'a> {
         let (i, h) = (p.i as usize, 1_usize << self.k);
         let [south, row, north] = self.heights;
         let z = row[i];
-        let distances = Distances::new(self.scale, h);
-        let to = |height: f64| distances.rise2(z - height);
+        let to = |height: f64| self.steps.rise2(z, height);
+        let Steps { east2, north2, .. } = self.steps;
         let mut nested = tight;
         let mut take = |reach: f64, distance2: f64, child: DiamondBounds| {
             nested = if child.nested > nested { child.nested } else { nested };
@@ -70,18 +87,16 @@ impl<'a> InnerRow<'a> {
                 let a = i >> self.k;
                 // Squares order as what they are squares of, and so do rounded roots.
                 let corners = [south[i - h], south[i + h], north[i - h], north[i + h]];
-                let corners = corners.into_iter().fold(0.0, |most, corner| far(most, distances.both2 + to(corner)));
-                let reach = take(corners.sqrt(), distances.east2 + to(row[i - h]), beside[a - 1]);
-                let reach = take(reach, distances.east2 + to(row[i + h]), beside[a + 1]);
-                let reach = take(reach, distances.north2 + to(south[i]), below[a]);
-                take(reach, distances.north2 + to(north[i]), above[a])
+                let corners = corners.into_iter().fold(0.0, |most, corner| far(most, east2 + north2 + to(corner)));
+                let reach = take(corners.sqrt(), east2 + to(row[i - h]), beside[a - 1]);
+                let reach = take(reach, east2 + to(row[i + h]), beside[a + 1]);
+                let reach = take(reach, north2 + to(south[i]), below[a]);
+                take(reach, north2 + to(north[i]), above[a])
             }
-            Children::Aslant { heights: [south_west, north_west], bounds: [below, above], shift } => {
+            Children::Aslant { heights: [south_west, north_west], bounds: [below, above], step2, shift } => {
                 let half = h / 2;
-                let [east2, north2] = [distances.east2, distances.north2];
                 let corners = [(east2, row[i - h]), (east2, row[i + h]), (north2, south[i]), (north2, north[i])];
                 let corners = corners.into_iter().fold(0.0, |most, (step2, corner)| far(most, step2 + to(corner)));
-                let step2 = Distances::new(self.scale, half).both2;
                 let index = |i: usize| i >> shift;
                 let [west, east] = [i - half, i + half];
                 let reach = take(corners.sqrt(), step2 + to(south_west[west]), below[index(west)]);
@@ -91,29 +106,5 @@ impl<'a> InnerRow<'a> {
             }
         };
         DiamondBounds { tight, nested, radius_m: round_up(reach * BALL_MARGIN) }
-    }
-}
-
-/// Squares of distances in plan.
-struct Distances {
-    east2: f64,
-    north2: f64,
-    both2: f64,
-    up: f64,
-}
-
-impl Distances {
-    /// So many posts away, along one axis or both.
-    #[inline]
-    fn new(scale: SceneScale, posts: usize) -> Self {
-        let [east, north] = [scale.east_m, scale.north_m].map(|step| posts as f64 * step);
-        let [east2, north2] = [east * east, north * north];
-        Self { east2, north2, both2: east2 + north2, up: scale.up_m }
-    }
-
-    #[inline]
-    fn rise2(&self, rise: f64) -> f64 {
-        let rise = rise * self.up;
-        rise * rise
     }
 }

@@ -242,10 +242,12 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
         }
         let children = match (parity, finest) {
             (Parity::Square, _) => Children::Straight([b - 1, b, b + 1].map(|b| lattice.row(b))),
-            (Parity::Tilted, Some(finest)) => Children::aslant(heights, j, 1, [j - 1, j + 1].map(|j| finest.row(j)), 1),
+            (Parity::Tilted, Some(finest)) => {
+                Children::aslant(heights, self.scale, j, 1, [j - 1, j + 1].map(|j| finest.row(j)), 1)
+            }
             (Parity::Tilted, None) => {
                 let finer = self.finer.get(usize::from(k).checked_sub(2)?)?;
-                Children::aslant(heights, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| finer.row(b)), k - 1)
+                Children::aslant(heights, self.scale, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| finer.row(b)), k - 1)
             }
         };
         Some(InnerRow::new(heights, self.scale, k, j, children))

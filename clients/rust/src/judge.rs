@@ -116,22 +116,12 @@ fn meets_coarse_triangle(mesh: &impl Mesh, a: [f64; 3], b: [f64; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::StatedObstruction;
+    use crate::scene::{StatedObstruction, tests::flat};
     use sightline_proto::{diamond::Post, replica::Replica};
 
     /// Flat ground of 9 x 9 posts, 10 m apart, with some posts raised.
     fn mesh(raised: &[(u32, u32, i32)]) -> Replica {
-        let terrain = v1::TerrainDescription {
-            nx: 9,
-            ny: 9,
-            root_exponent: 3,
-            metres_per_post_east: 10.0,
-            metres_per_post_north: 10.0,
-            metres_per_height_unit: 1.0,
-            corner_heights: vec![0; 4],
-            ..Default::default()
-        };
-        let replica = Replica::new(&terrain).unwrap();
+        let replica = Replica::new(&flat()).unwrap();
         let posts = sightline_proto::mesh::closure(replica.root(), raised.iter().map(|&(i, j, _)| Post::new(i, j)));
         let height = |p: Post| raised.iter().find(|r| (r.0, r.1) == (p.i, p.j)).map_or(0, |r| r.2);
         let posts = posts.into_iter().filter(|&p| !replica.root().is_corner(p)).map(|p| (p, height(p)));

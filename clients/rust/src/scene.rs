@@ -342,14 +342,14 @@ pub fn digest_of_lines<'a>(lines: impl IntoIterator<Item = (u64, &'a StatedLine)
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use sightline_proto::diamond::Post;
     use v1::stream_scene_response::Response;
 
-    /// A flat grid of 9 x 9 posts.
-    fn opened() -> v1::ViewOpened {
-        let terrain = v1::TerrainDescription {
+    /// A flat grid of 9 x 9 posts, 10 m apart.
+    pub(crate) fn flat() -> v1::TerrainDescription {
+        v1::TerrainDescription {
             nx: 9,
             ny: 9,
             root_exponent: 3,
@@ -358,8 +358,11 @@ mod tests {
             metres_per_height_unit: 1.0,
             corner_heights: vec![0; 4],
             ..Default::default()
-        };
-        v1::ViewOpened { terrain: Some(terrain) }
+        }
+    }
+
+    fn opened() -> v1::ViewOpened {
+        v1::ViewOpened { terrain: Some(flat()) }
     }
 
     fn message(response: Response) -> v1::StreamSceneResponse {

@@ -7,6 +7,13 @@ use sightline::{
     terrain::{DrawnPost, HeightField, MemoryField, PAGE_SIDE, PageId, Posts},
 };
 
+/// The north-eastern `side` by `side` posts of a database, or as many as there are, in memory, voids as they are drawn.
+pub fn north_east(database: &Database, side: u32) -> Result<MemoryField, Box<dyn Error>> {
+    let grid = HeightField::grid(database);
+    // Even offsets keep the triangulation.
+    cut(database, [grid.nx(), grid.ny()].map(|posts| posts.saturating_sub(side) & !1), side, |post| Some(post.z))
+}
+
 /// The `side` by `side` posts of a database from post (`west`, `south`), or as many as there are, in memory, with the
 /// heights that `height` gives them.
 pub fn cut(

@@ -27,11 +27,7 @@ fn main() -> Result<()> {
     let number = |n: usize, default: u32| arguments.get(n).map_or(Ok(default), |text| text.parse());
     let (side, rounds) = (number(1, 4097)?, number(2, 5)?);
     let field = match arguments.first() {
-        Some(path) => {
-            let database = Database::open(Path::new(path), OpenOptions::default())?;
-            let [west, south] = [database.grid().nx(), database.grid().ny()].map(|n| n.saturating_sub(side) & !1);
-            sightline_bench::cut(&database, [west, south], side, |post| Some(post.z))?
-        }
+        Some(path) => sightline_bench::north_east(&Database::open(Path::new(path), OpenOptions::default())?, side)?,
         None => synthetic::fractal(side, side, 1, 1000)?,
     };
     let posts = f64::from(field.grid().nx()) * f64::from(field.grid().ny());

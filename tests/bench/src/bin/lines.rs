@@ -14,7 +14,7 @@ use sightline::{
     database::{Database, OpenOptions},
     los,
     roam::{Fidelity, RequiredLine, Target, ViewMesh},
-    terrain::{HeightField, MemoryField, Posts, SceneScale, synthetic},
+    terrain::{HeightField, Posts, SceneScale, synthetic},
     view::{Camera, Projection},
     wedgie::MemoryTerrain,
 };
@@ -72,11 +72,7 @@ fn main() -> Result<()> {
 /// The north-east of a database, with its bounds.
 fn cut(path: &Path, side: u32) -> Result<MemoryTerrain> {
     let database = Database::open(path, OpenOptions::default())?;
-    let (nx, ny) = (database.grid().nx().min(side), database.grid().ny().min(side));
-    // Even offsets keep the triangulation.
-    let (west, south) = ((database.grid().nx() - nx) & !1, (database.grid().ny() - ny) & !1);
-    let field: MemoryField = sightline_bench::cut(&database, [west, south], side, |post| Some(post.z))?;
-    Ok(MemoryTerrain::new(field, database.scale())?)
+    Ok(MemoryTerrain::new(sightline_bench::north_east(&database, side)?, database.scale())?)
 }
 
 struct World {
