@@ -12,7 +12,7 @@ import sightline
 from sightline import AtEntity, Entity, Pose, Settings, SightLine
 
 EXERCISE = "flight"
-POSES = 40
+POSES = 12
 
 
 async def fly(server: sightline.aio.Client, terrain: sightline.Terrain, triangles: int) -> dict[int, list[object]]:

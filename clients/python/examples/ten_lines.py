@@ -1,13 +1,10 @@
-"""A verdict and a mesh in ten lines. Start a server first: sightline demo, or sightline serve DB."""
-
 import sightline
 
 with sightline.connect("127.0.0.1:7410") as server:
-    terrain = server.terrain()
-    a, b = (10, 10, 2), (terrain.nx - 10, terrain.ny - 10, 2)  # 2 m above the ground at two posts
-    answer = server.line_of_sight(a, b, frame="grid", altitude="agl", derive=True)
+    observer, target = (80, 60, 2), (300, 200, 2)  # posts east, posts north, metres above the ground
+    answer = server.line_of_sight(observer, target, frame="grid", altitude="agl", derive=True)
     print(answer.verdict.name, answer.first_from_a)
-    pose = sightline.Pose.looking((0, 0, 3000), terrain.scene_from_grid(b))
+    pose = sightline.Pose.looking((0, 0, 3000), (9000, 6000, 0))
     with server.view(pose, sightline.Settings(triangles=5000)) as view:
         print(view.frame())
         print(view.scene.mesh.vertices().shape, view.scene.mesh.triangles().shape)

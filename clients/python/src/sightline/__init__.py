@@ -10,9 +10,9 @@ for verdicts here, by code that shares nothing with the server but its specifica
 """
 
 from . import aio
-from .aio import Access
-from .blocking import Client, View, connect
-from .camera import Pose, Region, Settings
+from .blocking import Client, View, Watch, connect
+from .camera import Pace, Pose, Region, Settings
+from .channel import Access
 from .errors import (
     ConnectError,
     DeadlineExceeded,
@@ -28,6 +28,7 @@ from .types import (
     EYE_LINE_ID,
     AtEntity,
     AtPoint,
+    Disc,
     Entity,
     Exercise,
     ExerciseSummary,
@@ -35,6 +36,7 @@ from .types import (
     GroundState,
     Heights,
     Horizon,
+    LimitUse,
     LineOfSight,
     LinesOfSight,
     LineState,
@@ -44,6 +46,7 @@ from .types import (
     RayEnd,
     SightLine,
     StatedLine,
+    Status,
     Stretch,
     Terrain,
     UnknownReason,
@@ -60,6 +63,7 @@ __all__ = [
     "Client",
     "ConnectError",
     "DeadlineExceeded",
+    "Disc",
     "Entity",
     "Exercise",
     "ExerciseSummary",
@@ -69,11 +73,13 @@ __all__ = [
     "GroundState",
     "Heights",
     "Horizon",
+    "LimitUse",
     "LineOfSight",
     "LineState",
     "LinesOfSight",
     "Mesh",
     "Obstruction",
+    "Pace",
     "PayloadError",
     "Pose",
     "Profile",
@@ -88,12 +94,14 @@ __all__ = [
     "SightLine",
     "SightlineError",
     "StatedLine",
+    "Status",
     "Stretch",
     "Terrain",
     "UnknownReason",
     "Verdict",
     "View",
     "Viewshed",
+    "Watch",
     "aio",
     "connect",
     "verdict_on_mesh",

@@ -7,11 +7,8 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import time
 import weakref
 from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Iterable
-from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -20,11 +17,12 @@ import grpc.aio
 import numpy as np
 import numpy.typing as npt
 
+from . import channel as channels
 from . import convert
-from .camera import Pose, Settings
-from .errors import ConnectError, DeadlineExceeded, ProtocolError, Refused, SightlineError
-from .scene import Frame as SceneFrame
-from .scene import Scene
+from .camera import Pace, Pose, Settings
+from .channel import MAX_MESSAGE_BYTES, Access, translated
+from .errors import ConnectError, ProtocolError, Refused
+from .links import StreamLink
 from .types import (
     Altitude,
     Entity,
@@ -40,6 +38,7 @@ from .types import (
     Profile,
     Ray,
     SightLine,
+    Status,
     Terrain,
     Verdicts,
     Viewshed,
@@ -49,48 +48,19 @@ from .v1 import (
     exercise_pb2_grpc,
     line_of_sight_pb2,
     line_of_sight_pb2_grpc,
+    operation_pb2,
+    operation_pb2_grpc,
     scene_pb2,
     scene_pb2_grpc,
     terrain_pb2,
     terrain_pb2_grpc,
 )
+from .views import View, Watch
 
-MAX_MESSAGE_BYTES = 64 << 20
-"""Greatest size of a message that a client accepts: a snapshot of millions of triangles fits."""
 BATCH_LINES = 100_000
 """Lines of a batch that are asked in one call; more are asked in several."""
 
-_CHANNEL_OPTIONS = [
-    ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
-    ("grpc.initial_reconnect_backoff_ms", 100),
-    ("grpc.max_reconnect_backoff_ms", 1000),
-]
 _T = TypeVar("_T")
-
-
-def _translated(error: grpc.RpcError, address: str) -> SightlineError:
-    """The error of this package for one of grpc's."""
-    return _refusal(error.code(), error.details() or "", address)
-
-
-def _refusal(code: grpc.StatusCode, details: str, address: str) -> SightlineError:
-    if code is grpc.StatusCode.UNAVAILABLE:
-        return ConnectError(f"no connection to {address}: {details}")
-    if code is grpc.StatusCode.DEADLINE_EXCEEDED:
-        return DeadlineExceeded(code.name, details)
-    return Refused(code.name, details)
-
-
-@dataclass(frozen=True)
-class Access:
-    """What a client trusts, and who it is."""
-
-    authorities: bytes | None = None
-    """The authorities one of which must have signed the server's certificate, PEM; None: those that the system trusts."""
-    identity: tuple[bytes, bytes] | None = field(default=None, repr=False)
-    """This client's certificate and its key, PEM, for servers that ask for one."""
-    token: str | None = field(default=None, repr=False)
-    """The secret of this client's token."""
 
 
 async def connect(
@@ -102,10 +72,10 @@ async def connect(
     certificates do not fit.
     """
     access = access or Access()
-    channel = _channel(address, access)
+    channel = channels.make(address, access)
     failed = ConnectError(f"cannot connect to {address}; is a Sightline server running there, and do certificates fit?")
     try:
-        await asyncio.wait_for(_ready(channel, failed), connect_timeout_s)
+        await asyncio.wait_for(channels.ready(channel, failed), connect_timeout_s)
     except (TimeoutError, asyncio.TimeoutError):
         await channel.close(None)
         raise failed from None
@@ -113,14 +83,6 @@ async def connect(
         await channel.close(None)
         raise
     return Client(channel, address, timeout_s, access.token)
-
-
-def _channel(address: str, access: Access) -> grpc.aio.Channel:
-    if not address.startswith("https://"):
-        return grpc.aio.insecure_channel(address.removeprefix("http://"), options=_CHANNEL_OPTIONS)
-    certificate, key = access.identity or (None, None)
-    credentials = grpc.ssl_channel_credentials(access.authorities, key, certificate)
-    return grpc.aio.secure_channel(address.removeprefix("https://"), credentials, options=_CHANNEL_OPTIONS)
 
 
 LineGroup = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
@@ -136,13 +98,6 @@ async def _each(items: Iterable[_T] | AsyncIterable[_T]) -> AsyncIterator[_T]:
             yield item
 
 
-async def _ready(channel: grpc.aio.Channel, failed: ConnectError) -> None:
-    while (state := channel.get_state(try_to_connect=True)) is not grpc.ChannelConnectivity.READY:
-        if state is grpc.ChannelConnectivity.TRANSIENT_FAILURE:
-            raise failed
-        await channel.wait_for_state_change(state)
-
-
 class Client:
     """A connection to a server. Made by :func:`connect`."""
 
@@ -150,6 +105,7 @@ class Client:
         self._channel = channel
         self._closed = False
         self._views: weakref.WeakSet[View] = weakref.WeakSet()
+        self._watches: set[Watch] = set()
         self._metadata = [("authorization", f"Bearer {token}")] if token else []
         self.address = address
         self.timeout_s = timeout_s
@@ -157,12 +113,15 @@ class Client:
         self._lines = line_of_sight_pb2_grpc.LineOfSightServiceStub(channel)  # type: ignore[no-untyped-call]
         self._exercises = exercise_pb2_grpc.ExerciseServiceStub(channel)  # type: ignore[no-untyped-call]
         self._scenes = scene_pb2_grpc.SceneServiceStub(channel)  # type: ignore[no-untyped-call]
+        self._operation = operation_pb2_grpc.OperationServiceStub(channel)  # type: ignore[no-untyped-call]
 
     async def close(self) -> None:
-        """Closes the connection and its views. Calls after it raise :class:`ConnectError`."""
+        """Closes the connection, its views and watches. Calls after it raise :class:`ConnectError`."""
         self._closed = True
         for view in list(self._views):
             await view.close()
+        for watch in list(self._watches):
+            await watch.close()
         await self._channel.close(None)
 
     async def __aenter__(self) -> Client:
@@ -180,15 +139,20 @@ class Client:
         try:
             return await call
         except grpc.RpcError as error:
-            raise _translated(error, self.address) from None
+            raise translated(error, self.address) from None
 
     async def _all(self, call: AsyncIterable[_T]) -> list[_T]:
         try:
             return [message async for message in call]
         except grpc.RpcError as error:
-            raise _translated(error, self.address) from None
+            raise translated(error, self.address) from None
 
-    # --- terrain
+    # --- server and terrain
+
+    async def status(self) -> Status:
+        """How the server is; where it wants tokens, one with the role ``administer``."""
+        request = operation_pb2.GetStatusRequest()
+        return convert.status(await self._one(self._operation.GetStatus(request, **self._call())))
 
     async def terrain(self) -> Terrain:
         """The terrain that the server holds."""
@@ -290,7 +254,7 @@ class Client:
             async for answer in self._lines.StreamLinesOfSight(asked(), **self._call() | {"timeout": None}):
                 yield convert.group(answer)
         except grpc.RpcError as error:
-            raise _translated(error, self.address) from None
+            raise translated(error, self.address) from None
 
     async def ray(
         self,
@@ -442,199 +406,26 @@ class Client:
 
     # --- views
 
-    async def view(self, pose: Pose, settings: Settings | None = None, *, exercise: str = "") -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone)."""
-        view = View(self, pose, settings or Settings(), exercise)
+    async def view(
+        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+    ) -> View:
+        """Opens a view of `exercise` (empty: of the terrain alone) on a stream of its own."""
+
+        def opener(wish: scene_pb2.OpenView) -> Awaitable[StreamLink]:
+            return StreamLink.open(self, wish)
+
+        return await self._opened(View(self, opener, pose, settings or Settings(), exercise, pace))
+
+    def watch(self) -> Watch:
+        """One stream for any number of views (:meth:`Watch.view`); it begins with the first."""
+        watch = Watch(self)
+        self._watches.add(watch)
+        return watch
+
+    async def _opened(self, view: View) -> View:
         await view._open()
         self._views.add(view)
         return view
 
 
-class View:
-    """One view over its stream: steers, receives, checks, acknowledges. Made by :meth:`Client.view`.
-
-    Close it, or use it in ``async with``. Its state is that after the last frame: see :class:`sightline.Scene`.
-    """
-
-    def __init__(self, client: Client, pose: Pose, settings: Settings, exercise: str) -> None:
-        self._client = client
-        self._pose, self._settings, self._exercise = pose, settings, exercise
-        self._call: grpc.aio.StreamStreamCall[Any, Any] | None = None
-        self._reading: asyncio.Task[Any] | None = None
-        self._scene: Scene | None = None
-        self._pose_sequence = 0
-        self._lost_place = False
-        self.bytes_received = 0
-        """Of mesh payloads, since the view was opened first."""
-
-    @property
-    def scene(self) -> Scene:
-        """What is known of the view: mesh, sight lines, unsatisfied lines, last frame."""
-        if self._scene is None:
-            raise ConnectError("the view was never opened")
-        return self._scene
-
-    async def _open(self) -> None:
-        wire = scene_pb2.OpenView(
-            exercise=self._exercise, settings=self._settings.to_wire(), pose=self._pose.to_wire()
-        )
-        call = self._client._scenes.StreamScene(**self._client._call() | {"timeout": None})
-        self._call, self._pose_sequence, self._lost_place = call, 0, False
-        try:
-            await asyncio.wait_for(call.write(scene_pb2.StreamSceneRequest(open=wire)), self._client.timeout_s)
-            first = await asyncio.wait_for(self._read(), self._client.timeout_s)
-        except asyncio.InvalidStateError:
-            raise await self._reason() from None
-        except grpc.RpcError as error:
-            raise _translated(error, self._client.address) from None
-        except (TimeoutError, asyncio.TimeoutError):
-            call.cancel()
-            raise ConnectError(f"{self._client.address} did not open the view in time") from None
-        if first.WhichOneof("response") != "opened":
-            call.cancel()
-            raise ProtocolError("the first message of a view is not its opening")
-        self._scene = Scene(first.opened, self._settings.triangles, bool(self._exercise))
-
-    async def _reason(self) -> SightlineError:
-        """Why the stream is over."""
-        if self._call is None:
-            return ConnectError("the view is closed")
-        code, details = await self._call.code(), await self._call.details()
-        if code is grpc.StatusCode.OK:
-            return ConnectError(f"{self._client.address} has closed the view")
-        return _refusal(code, details or "", self._client.address)
-
-    async def _read(self) -> Any:
-        if self._call is None:
-            raise ConnectError("the view is closed")
-        message = await self._call.read()
-        if message is grpc.aio.EOF:  # type: ignore[attr-defined]
-            raise await self._reason()
-        return message
-
-    async def _send(self, **what: Any) -> None:
-        if self._call is None:
-            raise ConnectError("the view is closed")
-        try:
-            await self._call.write(scene_pb2.StreamSceneRequest(**what))
-        except asyncio.InvalidStateError:
-            raise await self._reason() from None
-        except grpc.RpcError as error:
-            raise _translated(error, self._client.address) from None
-
-    def _steering(self) -> scene_pb2.SteerView:
-        applied = self.scene.frame.sequence if self.scene.frame else 0
-        return scene_pb2.SteerView(pose_sequence=self._pose_sequence, applied_sequence=applied)
-
-    async def steer(self, pose: Pose, *, frame_time_ms: float = 0.0) -> int:
-        """Moves the viewpoint; returns the pose's number, which the frame made for it carries.
-
-        `frame_time_ms` says how long the last frame took to draw, for a target of a frame time.
-        """
-        self._pose = pose
-        self._pose_sequence += 1
-        wire = self._steering()
-        wire.pose.CopyFrom(pose.to_wire())
-        wire.frame_time_ms = frame_time_ms
-        await self._send(steer=wire)
-        return self._pose_sequence
-
-    async def change(self, settings: Settings) -> None:
-        """Changes camera, target and subscription. Frames under way may still be of the old ones."""
-        self._settings = settings
-        self.scene.max_triangles = max(self.scene.max_triangles, settings.triangles)
-        wire = self._steering()
-        wire.settings.CopyFrom(settings.to_wire())
-        await self._send(steer=wire)
-
-    async def request_snapshot(self) -> None:
-        """Asks for a frame that is based on nothing."""
-        received = self.scene.frame.sequence if self.scene.frame else 0
-        await self._send(snapshot=scene_pb2.RequestSnapshot(received_sequence=received))
-
-    async def frame(self, timeout_s: float | None = 60.0) -> SceneFrame:
-        """Waits for the next frame, applies, checks and acknowledges it.
-
-        A frame that does not fit is passed over, and a snapshot asked for. Raises :class:`TimeoutError` when none comes
-        (one is due after a pose, new settings, an epoch, a snapshot asked for; losing none), and :class:`ConnectError`
-        when the connection is lost: then the mesh is as it was, and :meth:`resume` goes on.
-        """
-        deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        while True:
-            message = await self._next_message(deadline)
-            is_frame = message.WhichOneof("response") == "frame"
-            if is_frame and self._lost_place and message.frame.base_sequence != 0:
-                continue
-            try:
-                self.scene.apply(message)
-            except ProtocolError:
-                if not is_frame:
-                    raise
-                self._lost_place = True
-                received = scene_pb2.RequestSnapshot(received_sequence=message.frame.sequence)
-                await self._send(snapshot=received)
-                continue
-            if is_frame and self.scene.frame:
-                self._lost_place = False
-                self.bytes_received += self.scene.frame.payload_bytes
-                with contextlib.suppress(SightlineError):  # the next call tells
-                    await self._send(steer=self._steering())
-                return self.scene.frame
-
-    async def _next_message(self, deadline: float | None) -> Any:
-        # A read that is cancelled takes the whole stream with it, so an unfinished one waits for the next call.
-        if self._reading is None:
-            self._reading = asyncio.ensure_future(self._read())
-        left = None if deadline is None else max(0.0, deadline - time.monotonic())
-        done, _ = await asyncio.wait({self._reading}, timeout=left)
-        if not done:
-            raise TimeoutError("no frame came in time")
-        reading, self._reading = self._reading, None
-        try:
-            return reading.result()
-        except grpc.RpcError as error:
-            raise _translated(error, self._client.address) from None
-
-    async def frame_of(self, pose_sequence: int, timeout_s: float | None = 60.0) -> SceneFrame:
-        """Waits for a frame that was made for this pose or a later one."""
-        deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        while True:
-            left = None if deadline is None else max(0.0, deadline - time.monotonic())
-            frame = await self.frame(left)
-            if frame.pose_sequence >= pose_sequence:
-                return frame
-
-    async def resume(self, within_s: float = 30.0) -> None:
-        """Opens the view anew, with its last pose and settings, after the connection was lost.
-
-        Tries until a server answers or `within_s` is over. The first frame after it is a snapshot. A server that was
-        started anew may not have the exercise any more: then this raises :class:`Refused`, ``NOT_FOUND``.
-        """
-        await self.close()
-        deadline = time.monotonic() + within_s
-        while True:
-            try:
-                return await self._open()
-            except ConnectError:
-                if self._client._closed or time.monotonic() >= deadline:
-                    raise
-                await asyncio.sleep(0.1)
-
-    async def close(self) -> None:
-        """Ends the view. What was received stays readable."""
-        call, self._call = self._call, None
-        reading, self._reading = self._reading, None
-        if call is not None:
-            call.cancel()
-        if reading is not None:
-            reading.cancel()
-            await asyncio.gather(reading, return_exceptions=True)
-
-    async def __aenter__(self) -> View:
-        return self
-
-    async def __aexit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        await self.close()
-
-
-__all__ = ["BATCH_LINES", "MAX_MESSAGE_BYTES", "Client", "View", "connect"]
+__all__ = ["BATCH_LINES", "MAX_MESSAGE_BYTES", "Access", "Client", "View", "Watch", "connect"]

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import aio
-from .camera import Pose, Settings
+from .camera import Pace, Pose, Settings
 from .errors import Refused
 from .scene import Scene
 from .types import Altitude, Frame, LinesOfSight, Precision
@@ -94,6 +94,7 @@ class Client:
         self._loop = loop
         self._client = client
 
+    status = _client(aio.Client.status)
     terrain = _client(aio.Client.terrain)
     heights = _client(aio.Client.heights)
     line_of_sight = _client(aio.Client.line_of_sight)
@@ -132,12 +133,18 @@ class Client:
         while (answer := self._loop.run(following())) is not None:
             yield answer
 
-    def view(self, pose: Pose, settings: Settings | None = None, *, exercise: str = "") -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone)."""
-        return View(self._loop, self._loop.run(self._client.view(pose, settings, exercise=exercise)))
+    def view(
+        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+    ) -> View:
+        """Opens a view of `exercise` (empty: of the terrain alone) on a stream of its own."""
+        return View(self._loop, self._loop.run(self._client.view(pose, settings, exercise=exercise, pace=pace)))
+
+    def watch(self) -> Watch:
+        """One stream for any number of views (:meth:`Watch.view`); it begins with the first."""
+        return Watch(self._loop, self._client.watch())
 
     def close(self) -> None:
-        """Closes the connection and its views."""
+        """Closes the connection, its views and watches."""
         self._loop.run(self._client.close())
 
     def __enter__(self) -> Client:
@@ -147,8 +154,32 @@ class Client:
         self.close()
 
 
+class Watch:
+    """One stream that carries any number of views. Made by :meth:`Client.watch`; see :class:`sightline.aio.Watch`."""
+
+    def __init__(self, loop: _Loop, watch: aio.Watch) -> None:
+        self._loop = loop
+        self._watch = watch
+
+    def view(
+        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+    ) -> View:
+        """Opens a view of `exercise` (empty: of the terrain alone) on this watch."""
+        return View(self._loop, self._loop.run(self._watch.view(pose, settings, exercise=exercise, pace=pace)))
+
+    def close(self) -> None:
+        """Ends the stream and its views. What these have received stays readable."""
+        self._loop.run(self._watch.close())
+
+    def __enter__(self) -> Watch:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+
 class View:
-    """One view. Made by :meth:`Client.view`; the calls are those of :class:`sightline.aio.View`."""
+    """One view. Made by :meth:`Client.view` and :meth:`Watch.view`; the calls are those of :class:`sightline.aio.View`."""
 
     def __init__(self, loop: _Loop, view: aio.View) -> None:
         self._loop = loop

@@ -71,6 +71,20 @@ class Region:
 
 
 @dataclass(frozen=True, slots=True)
+class Pace:
+    """How fast a view sends. Between two frames the newest state waits; nothing queues, and no frame is thinned out."""
+
+    max_rate_hz: float = 0.0
+    """Greatest number of frames in a second, up to 1,000; 0: one on every change."""
+    max_bytes_per_s: int = 0
+    """Greatest number of bytes of messages in a second in the long run, from 1,000 on; 0: no limit."""
+
+    def to_wire(self) -> scene.Pace:
+        """The message."""
+        return scene.Pace(max_rate_hz=self.max_rate_hz, max_bytes_per_s=self.max_bytes_per_s)
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """Camera, target, subscription and regions of a view.
 

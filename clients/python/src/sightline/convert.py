@@ -16,6 +16,7 @@ from .types import (
     AtEntity,
     AtPoint,
     Bools,
+    Disc,
     Entity,
     Exercise,
     Fidelity,
@@ -24,6 +25,7 @@ from .types import (
     GroundState,
     Heights,
     Horizon,
+    LimitUse,
     LineOfSight,
     LinesOfSight,
     LineState,
@@ -36,6 +38,7 @@ from .types import (
     SightLine,
     State,
     StatedLine,
+    Status,
     Stretch,
     Terrain,
     UnknownReason,
@@ -46,6 +49,7 @@ from .types import (
 from .v1 import common_pb2 as common
 from .v1 import exercise_pb2 as exercise_wire
 from .v1 import line_of_sight_pb2 as los
+from .v1 import operation_pb2 as operation
 from .v1 import terrain_pb2 as terrain_wire
 
 _FRAMES = {
@@ -128,8 +132,17 @@ def batch(
 def entity(given: Entity) -> exercise_wire.Entity:
     """An entity."""
     return exercise_wire.Entity(
-        id=given.id, position=position(given.position), frame=frame(given.frame), altitude=altitude(given.altitude)
+        id=given.id,
+        position=position(given.position),
+        frame=frame(given.frame),
+        altitude=altitude(given.altitude),
+        ground_m=given.ground_m,
     )
+
+
+def _disc(given: Disc) -> exercise_wire.Disc:
+    x, y = np.asarray(given.centre, dtype=np.float64).tolist()
+    return exercise_wire.Disc(centre=common.Position(x=x, y=y), frame=frame(given.frame), radius_m=given.radius_m)
 
 
 def _anchor(given: AtEntity | AtPoint) -> exercise_wire.Anchor:
@@ -153,6 +166,7 @@ def sight_line(given: SightLine) -> exercise_wire.SightLine:
         priority=given.priority,
         obstruction_distance_m=given.obstruction_distance_m,
         range_m=given.range_m,
+        region=None if given.region is None else _disc(given.region),
     )
 
 
@@ -218,6 +232,13 @@ def heights(wire: terrain_wire.GetHeightsResponse, normals: bool) -> Heights:
         _same_length(wire.z, *parts)
     known = np.array(wire.known, dtype=np.bool_)
     return Heights(_floats(wire.z, known), np.column_stack([_floats(p) for p in parts]) if normals else None)
+
+
+def status(wire: operation.GetStatusResponse) -> Status:
+    """How a server is."""
+    plain = {field.name: getattr(wire, field.name) for field in wire.DESCRIPTOR.fields}
+    limits = {use.name: LimitUse(use.used, use.limit) for use in wire.limits}
+    return Status(**plain | {"troubles": tuple(wire.troubles), "limits": limits})
 
 
 def _obstruction(wire: los.Obstruction) -> Obstruction:
@@ -368,10 +389,18 @@ def stated_line(state: exercise_wire.SightLineState) -> StatedLine:
     if (ends is None and verdict is not Verdict.UNKNOWN) or not all(map(math.isfinite, sum(ends or (), ()))):
         raise ProtocolError(f"sight line {state.id} is stated without a verdict, or with ends that are not finite")
     try:
-        fidelity = Fidelity(state.fidelity or Fidelity.VERDICT)
-    except ValueError:
-        raise ProtocolError(f"sight line {state.id} has fidelity {state.fidelity}, which is none") from None
-    return StatedLine(state.id, ends, verdict, fidelity)
+        fidelity, reason = Fidelity(state.fidelity or Fidelity.VERDICT), UnknownReason(state.unknown_reason)
+    except ValueError as error:
+        raise ProtocolError(f"sight line {state.id}: {error}") from None
+    return StatedLine(
+        id=state.id,
+        ends=ends,
+        verdict=verdict,
+        fidelity=fidelity,
+        unknown_reason=reason,
+        obstruction_distance_m=state.obstruction_distance_m,
+        first_obstruction=state.first_obstruction if state.HasField("first_obstruction") else None,
+    )
 
 
 _FRAME_NAMES: dict[int, Frame] = {number: name for name, number in _FRAMES.items()}  # type: ignore[misc]
@@ -386,6 +415,7 @@ def exercise(name: str, wire: exercise_wire.GetExerciseResponse) -> Exercise:
             position=(e.position.x, e.position.y, e.position.z),
             frame=_FRAME_NAMES.get(e.frame, "map"),
             altitude="agl" if e.altitude == agl else "absolute",
+            ground_m=e.ground_m,
         )
         for e in wire.entities
     )

@@ -41,10 +41,16 @@ def profile(
     distance = np.hypot(x, y)
     # A stretch of unknown ground between two known breaks is a gap, too.
     gaps = np.flatnonzero(~ground.known_after[:-1]) + 1
-    ax.plot(np.insert(distance, gaps, np.nan), np.insert(ground.ground * up, gaps, np.nan), color="#5c4033", lw=1)
+    along, earth = np.insert(distance, gaps, np.nan), np.insert(ground.ground * up, gaps, np.nan)
+    ax.plot(along, earth, color="#5c4033", lw=1)
     if line_z is not None and ground.t.size > 1:
-        along = line_z[0] + (line_z[1] - line_z[0]) * ground.t - ground.bulge
-        ax.plot(distance, along * up, color="#1971c2", lw=1.2)
+        line = line_z[0] + (line_z[1] - line_z[0]) * ground.t - ground.bulge
+        ax.plot(distance, line * up, color="#1971c2", lw=1.2)
+    if along.size:
+        bottom = ax.get_ylim()[0]
+        ax.fill_between(along, earth, bottom, color="#e8dfd5", lw=0)
+        ax.set_ylim(bottom=bottom)
+        ax.margins(x=0)
     ax.set_xlabel("distance (m)")
     ax.set_ylabel("height (m)")
     return ax
@@ -54,6 +60,7 @@ def viewshed(seen: Viewshed, *, axes: Axes | None = None) -> Axes:
     """What an observer sees, in map coordinates: green visible, grey unknown, red blocked."""
     ax: Axes = _axes(axes)
     from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.patches import Patch
 
     rows, columns = seen.cells.shape
     west, south = seen.terrain.map_from_grid(seen.first_i - 0.5, seen.first_j - 0.5)
@@ -67,6 +74,8 @@ def viewshed(seen: Viewshed, *, axes: Axes | None = None) -> Axes:
         norm=BoundaryNorm([-0.5, 0.5, 1.5, 2.5, 3.5], 4),
         interpolation="nearest",
     )
+    names = [Patch(color=COLOURS[verdict], label=verdict.name.lower()) for verdict, n in seen.counts().items() if n]
+    ax.legend(handles=names, loc="upper right", framealpha=0.9)
     terrain = seen.terrain
     ax.set_aspect(terrain.scale[1] / terrain.step[1] * terrain.step[0] / terrain.scale[0])
     ax.set_xlabel("longitude (degrees)" if terrain.geographic else "east (map units)")
@@ -80,9 +89,13 @@ def scene(view: Scene, *, axes: Axes | None = None) -> Axes:
     A line that the frame names as unsatisfied is dashed.
     """
     ax: Axes = _axes(axes)
+    import matplotlib
+    from matplotlib.colors import ListedColormap
+
     vertices, triangles = view.mesh.vertices(), view.mesh.triangles()
     x, y, z = vertices.T
-    ax.tripcolor(x, y, z, triangles=triangles, cmap="terrain", shading="gouraud")
+    land = ListedColormap(matplotlib.colormaps["terrain"](np.linspace(0.25, 1, 256)))  # what is below that is the sea
+    ax.tripcolor(x, y, z, triangles=triangles, cmap=land, shading="gouraud")
     ax.triplot(x, y, triangles, color="#00000055", lw=0.3)
     for n, verdict in view.verdicts().items():
         ends = view.lines[n].ends
@@ -91,6 +104,10 @@ def scene(view: Scene, *, axes: Axes | None = None) -> Axes:
             style = "--" if n in view.unsatisfied else "-"
             ax.plot([a[0], b[0]], [a[1], b[1]], style, color=COLOURS[verdict], lw=1.2)
     ax.set_aspect("equal")
+    # Triangles may reach beyond the last posts, where there is no terrain.
+    east, north, _ = view.terrain.scene_from_grid((view.terrain.nx - 1, view.terrain.ny - 1, 0))
+    ax.set_xlim(0, east)
+    ax.set_ylim(0, north)
     ax.set_xlabel("east (m)")
     ax.set_ylabel("north (m)")
     return ax

@@ -8,6 +8,7 @@ come before its first frame, that lines are named as a change against the frame 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,6 +40,8 @@ class Frame:
     """No point of the terrain in the picture is drawn further off than this, in pixels; may be infinite."""
     mesh_hash: int
     payload_bytes: int
+    held_back_ms: int
+    """How long it was due and held back by the view's pace; 0 when it was not."""
 
 
 class Scene:
@@ -58,7 +61,11 @@ class Scene:
         self.lines_expected = lines_expected
         self.epoch = 0
         self.lines: dict[int, StatedLine] = {}
-        self.unsatisfied: frozenset[int] = frozenset()
+        self.unsatisfied: Mapping[int, int] = {}
+        """Lines named as not holding on this mesh, by id, each with the triangles that it asked for in addition to those of
+        the lines before it when it was given up; 0: no mesh can help it."""
+        self.off_ground: frozenset[int] = frozenset()
+        """Entities from whose ground this mesh is further off than their `ground_m`."""
         self.frame: Frame | None = None
 
     def apply(self, message: wire.StreamSceneResponse) -> Literal["exercise", "frame"]:
@@ -94,6 +101,8 @@ class Scene:
         payload, count = frame.mesh, frame.triangle_count
         self.mesh.apply(payload, count, frame.mesh_hash, self.max_triangles, snapshot=snapshot)
         self.unsatisfied = unsatisfied
+        kept = frozenset() if snapshot else self.off_ground
+        self.off_ground = kept.difference(frame.no_longer_off_ground).union(frame.now_off_ground)
         self.frame = Frame(
             sequence=frame.sequence,
             base_sequence=frame.base_sequence,
@@ -103,19 +112,20 @@ class Scene:
             bound_px=frame.distortion_bound_px,
             mesh_hash=frame.mesh_hash,
             payload_bytes=len(payload),
+            held_back_ms=frame.held_back_ms,
         )
 
-    def _renamed(self, frame: wire.Frame, snapshot: bool) -> frozenset[int]:
-        named = set() if snapshot else set(self.unsatisfied)
+    def _renamed(self, frame: wire.Frame, snapshot: bool) -> dict[int, int]:
+        named = {} if snapshot else dict(self.unsatisfied)
         for line_id in frame.no_longer_unsatisfied:
             if line_id not in named:
                 raise SceneError(f"frame {frame.sequence} takes back sight line {line_id}, which was not named")
-            named.remove(line_id)
+            del named[line_id]
         for line in frame.now_unsatisfied:
             if line.id != EYE_LINE_ID and line.id not in self.lines:
                 raise SceneError(f"frame {frame.sequence} names sight line {line.id}, which is not known")
-            named.add(line.id)
-        return frozenset(named)
+            named[line.id] = line.lacking_triangles
+        return named
 
     def verdicts(self) -> dict[int, Verdict]:
         """The exact verdict of each sight line with ends on this view's own mesh, by id."""

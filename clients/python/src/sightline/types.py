@@ -291,6 +291,8 @@ class Entity:
     position: Point
     frame: Frame = "map"
     altitude: Altitude = "absolute"
+    ground_m: float = 0.0
+    """Above 0: each mesh must be within so many metres of the ground at its place, or name the entity as off the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,6 +313,17 @@ class AtPoint:
 
 
 @dataclass(frozen=True, slots=True)
+class Disc:
+    """A disc in plan."""
+
+    centre: Point
+    """Its middle: x and y."""
+    radius_m: float
+    """In the scene frame."""
+    frame: Frame = "map"
+
+
+@dataclass(frozen=True, slots=True)
 class SightLine:
     """A sight line to register. Lines are satisfied in order of `priority`, least first, then `id`."""
 
@@ -322,7 +335,9 @@ class SightLine:
     obstruction_distance_m: float = 0.0
     """Of fidelity OBSTRUCTION: how far off the first obstruction may be."""
     range_m: float = 0.0
-    """A longer line is inactive; 0: no limit."""
+    """A longer line is inactive: UNKNOWN, and asking nothing of any mesh. 0: no limit."""
+    region: Disc | None = None
+    """A line with an end outside it is inactive, too; None: everywhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,6 +349,11 @@ class StatedLine:
     """Grid frame; None when an end has no ground below it."""
     verdict: Verdict
     fidelity: Fidelity
+    unknown_reason: UnknownReason = UnknownReason.NOT_UNKNOWN
+    obstruction_distance_m: float = 0.0
+    """Of fidelity OBSTRUCTION: how far off the first obstruction may be."""
+    first_obstruction: float | None = None
+    """Of fidelity OBSTRUCTION and a blocked line: where it is first obstructed, as a part of it (0 at A), rounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,6 +365,51 @@ class Exercise:
     entities: tuple[Entity, ...]
     lines: dict[int, StatedLine]
     """By id."""
+
+
+@dataclass(frozen=True, slots=True)
+class LimitUse:
+    """A limit of a server, and how much of it is in use."""
+
+    used: int
+    limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """How a server is, now and since it started."""
+
+    version: str
+    """Of the program."""
+    uptime_s: float
+    serving: bool
+    """Whether its health service says SERVING."""
+    troubles: tuple[str, ...]
+    """Why it does not, one sentence each."""
+    limits: dict[str, LimitUse]
+    """By their names in the configuration."""
+    connections: int
+    exercises: int
+    calls: int
+    """Since the start; a stream is one."""
+    refused_calls: int
+    frames: int
+    """Sent."""
+    frame_median_ms: float
+    """Median time to make a frame, by classes a third of a decade wide; 0 before the first."""
+    frame_p99_ms: float
+    queue_age_ms: float
+    """How long the oldest work has waited for a core."""
+    visible: int
+    """Lines answered VISIBLE; `blocked` and `unknown` likewise."""
+    blocked: int
+    unknown: int
+    exact_signs: int
+    """Signs of predicates that only exact arithmetic could tell."""
+    unsatisfied_lines: int
+    """Over all views, on the last frame of each."""
+    received_bytes: int
+    sent_bytes: int
 
 
 @dataclass(frozen=True, slots=True)
