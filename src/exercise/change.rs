@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use super::{
-    Anchor, EYE_LINE_ID, Entity, Exercise, GroundState, LineState, MAX_CHANGES, MAX_ENTITIES, MAX_SIGHT_LINES,
+    Anchor, EYE_LINE_ID, Entity, Exercise, GroundState, Lease, LineState, MAX_CHANGES, MAX_ENTITIES, MAX_SIGHT_LINES,
     NameError, PlaceError, SightLine, Site,
 };
 use crate::{
@@ -31,6 +31,8 @@ pub struct Change {
     pub put_entities: Vec<Entity>,
     /// Sight lines to add or replace.
     pub put_sight_lines: Vec<SightLine>,
+    /// What is put is under this lease from now on, or under none.
+    pub lease: Option<Lease>,
 }
 
 /// The kinds of things of an exercise.
@@ -142,6 +144,7 @@ impl Exercise {
         next.check_anchors(change)?;
         limit("entities", MAX_ENTITIES, next.entities.len())?;
         next.answer(&moved, site, field)?;
+        next.lease_out(change)?;
         Ok(next)
     }
 
@@ -175,12 +178,26 @@ impl Exercise {
             let gone = self.lines.remove(&id);
             let gone = gone.ok_or(ChangeError::Missing { thing: Thing::SightLine, id })?;
             self.release(&gone.line);
+            self.leases.put(Thing::SightLine, id, None);
         }
         for &id in &change.remove_entities {
             self.entities.remove(&id).ok_or(ChangeError::Missing { thing: Thing::Entity, id })?;
             self.grounds.remove(&id);
+            self.leases.put(Thing::Entity, id, None);
         }
         Ok(())
+    }
+
+    /// Puts what was put under the lease of the change, or under none.
+    fn lease_out(&mut self, change: &Change) -> Result<(), ChangeError> {
+        let number = change.lease.as_ref().map(|lease| self.leases.grant(lease, self.epoch));
+        for entity in &change.put_entities {
+            self.leases.put(Thing::Entity, entity.id, number);
+        }
+        for line in &change.put_sight_lines {
+            self.leases.put(Thing::SightLine, line.id, number);
+        }
+        self.leases.settle()
     }
 
     /// Puts entities and lines, and returns the lines whose ends have to be resolved again.
@@ -221,7 +238,7 @@ impl Exercise {
         Ok(moved)
     }
 
-    fn release(&mut self, line: &SightLine) {
+    pub(super) fn release(&mut self, line: &SightLine) {
         for entity in line.entities() {
             self.anchored.remove(&(entity, line.id));
         }
@@ -320,7 +337,7 @@ fn check_size(change: &Change) -> Result<(), ChangeError> {
     limit("changes in one request", MAX_CHANGES, removals + change.put_entities.len() + change.put_sight_lines.len())
 }
 
-fn limit(what: &'static str, limit: usize, found: usize) -> Result<(), ChangeError> {
+pub(super) fn limit(what: &'static str, limit: usize, found: usize) -> Result<(), ChangeError> {
     if found > limit { Err(ChangeError::Limit { what, limit, found }) } else { Ok(()) }
 }
 

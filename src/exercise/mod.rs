@@ -5,6 +5,7 @@
 //! the epoch since which it has them, so that whoever knows an earlier epoch can tell what is new.
 
 mod change;
+mod lease;
 mod place;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use change::{Change, ChangeError, RestoreError, Thing};
+pub use lease::{Expiration, Granted, KeptLease, Lease, LeaseError, MAX_EXPIRATIONS, MAX_LEASES, TERMS_S};
 pub use place::{Altitude, Frame, Place, PlaceError, Site};
 pub use sightline_proto::EYE_LINE_ID;
 
@@ -143,13 +145,19 @@ pub struct Exercise {
     grounds: BTreeMap<u64, GroundState>,
     /// (entity, sight line) for each end that follows an entity.
     anchored: BTreeSet<(u64, u64)>,
+    leases: lease::Leases,
+    expirations: Vec<Expiration>,
+}
+
+fn is_name(name: &str) -> bool {
+    let letter = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    !name.is_empty() && name.len() <= MAX_NAME_LENGTH && name.chars().all(letter)
 }
 
 impl Exercise {
     /// An exercise with nothing in it, at epoch 0.
     pub fn new(name: &str) -> Result<Self, NameError> {
-        let letter = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        if name.is_empty() || name.len() > MAX_NAME_LENGTH || !name.chars().all(letter) {
+        if !is_name(name) {
             return Err(NameError(name.chars().take(MAX_NAME_LENGTH).collect()));
         }
         Ok(Self {
@@ -159,6 +167,8 @@ impl Exercise {
             lines: BTreeMap::new(),
             grounds: BTreeMap::new(),
             anchored: BTreeSet::new(),
+            leases: lease::Leases::default(),
+            expirations: Vec::new(),
         })
     }
 

@@ -7,7 +7,7 @@
 use std::{fmt, net::IpAddr, sync::Arc};
 
 use serde::{Deserialize, Serialize};
-use tonic::Status;
+use tonic::{Request, Status};
 
 /// Least length of a token's secret in bytes.
 pub const MIN_SECRET_BYTES: usize = 16;
@@ -109,6 +109,11 @@ pub(super) struct Caller {
 }
 
 impl Caller {
+    /// Who was admitted.
+    pub(super) fn of<R>(request: &Request<R>) -> Self {
+        request.extensions().get::<Self>().cloned().unwrap_or_else(|| Self { name: Arc::from("unknown") })
+    }
+
     /// Without a token.
     pub(super) fn by_address(address: Option<IpAddr>) -> Self {
         Self { name: address.map_or_else(|| "unknown".into(), |ip| ip.to_string().into()) }

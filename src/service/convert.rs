@@ -1,10 +1,12 @@
 //! Messages to domain types and back. Unknown enum values are refused, unset ones have the meaning that the proto says.
 
+use std::time::Duration;
+
 use sightline_proto::v1;
 use tonic::Status;
 
 use crate::{
-    exercise::{Altitude, Anchor, Change, Disc, Entity, Frame, LineState, Place, SightLine, Site},
+    exercise::{Altitude, Anchor, Change, Disc, Entity, Frame, Granted, Lease, LineState, Place, SightLine, Site},
     los::{Earth, LosError, Options, Precision, Verdict},
     roam::Fidelity,
 };
@@ -136,7 +138,25 @@ pub(super) fn change(request: &v1::ChangeExerciseRequest) -> Result<Change, Stat
         remove_sight_lines: request.remove_sight_lines.clone(),
         put_entities: entities.collect::<Result<_, _>>()?,
         put_sight_lines: lines.collect::<Result<_, _>>()?,
+        lease: lease(request.lease.clone())?,
     })
+}
+
+pub(super) fn lease(lease: Option<v1::Lease>) -> Result<Option<Lease>, Status> {
+    let lease = lease.map(|v1::Lease { owner, term_s }| Lease::new(&owner, term_s));
+    lease.transpose().map_err(|error| Status::invalid_argument(error.to_string()))
+}
+
+pub(super) fn lease_to_wire(granted: &Granted, left: Duration, streams: u32) -> v1::LeaseState {
+    v1::LeaseState {
+        owner: granted.lease.owner().to_string(),
+        term_s: granted.lease.term_s(),
+        remaining_s: left.as_secs_f64(),
+        streams,
+        holds_exercise: granted.holds_exercise,
+        entities: granted.entities,
+        sight_lines: granted.sight_lines,
+    }
 }
 
 pub(super) fn position_to_wire([x, y, z]: [f64; 3]) -> v1::Position {

@@ -1,13 +1,13 @@
-//! Exercises: made, listed, read, changed and ended.
+//! Exercises: made, listed, read, changed, watched and ended; their leases renewed.
 
 use std::sync::Arc;
 
 use sightline_proto::v1::{self, exercise_service_server::ExerciseService};
 use tonic::{Request, Response, Status};
 
-use super::{ServedTerrain, Service, Shared, convert, limits::limited, status::IntoStatus};
+use super::{ServedTerrain, Service, Shared, access::Caller, convert, limits::limited, status::IntoStatus, verdicts};
 use crate::{
-    exercise::{Change, Exercise},
+    exercise::{Change, Exercise, Lease},
     store::{StoreError, Stored},
 };
 
@@ -20,9 +20,16 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
         &self,
         request: Request<v1::CreateExerciseRequest>,
     ) -> Result<Response<v1::CreateExerciseResponse>, Status> {
-        let exercise = Exercise::new(&request.into_inner().name).map_err(IntoStatus::into_status)?;
+        let v1::CreateExerciseRequest { name, lease } = request.into_inner();
+        let mut exercise = Exercise::new(&name).map_err(IntoStatus::into_status)?;
+        let lease = convert::lease(lease)?;
+        if let Some(lease) = &lease {
+            exercise = exercise.under(lease);
+        }
+        let _turn = self.0.changing.lock().await;
         let shared = Arc::clone(&self.0);
-        self.0.run(move || shared.store.create(exercise)).await?.map_err(IntoStatus::into_status)?;
+        let stored = self.0.run(move || shared.written(shared.store.create(exercise))).await?;
+        self.renew(stored.map_err(IntoStatus::into_status)?.created, lease.as_ref());
         Ok(Response::new(v1::CreateExerciseResponse {}))
     }
 
@@ -42,7 +49,12 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
     ) -> Result<Response<v1::GetExerciseResponse>, Status> {
         let (shared, name) = (Arc::clone(&self.0), request.into_inner().name);
         let stored = self.0.run(move || shared.store.get(&name)).await?.map_err(IntoStatus::into_status)?;
+        let leases = stored.exercise.leases().map(|(_, granted)| {
+            let (left, streams) = self.0.leases.state(stored.created, granted.lease.owner());
+            convert::lease_to_wire(granted, left, streams)
+        });
         Ok(Response::new(v1::GetExerciseResponse {
+            leases: leases.collect(),
             epoch: stored.exercise.epoch(),
             entities: stored.exercise.entities().map(convert::entity_to_wire).collect(),
             sight_lines: stored.exercise.sight_lines().map(convert::line_to_wire).collect(),
@@ -55,9 +67,11 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
     ) -> Result<Response<v1::ChangeExerciseResponse>, Status> {
         let request = request.into_inner();
         let (change, name) = (convert::change(&request)?, request.name);
+        let lease = change.lease.clone();
         let _turn = self.0.changing.lock().await;
         let shared = Arc::clone(&self.0);
         let stored = self.0.run(move || changed(&shared, &name, &change)).await??;
+        self.renew(stored.created, lease.as_ref());
         self.0.changes.send_modify(|n| *n += 1);
         Ok(Response::new(v1::ChangeExerciseResponse { epoch: stored.exercise.epoch() }))
     }
@@ -68,9 +82,45 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
     ) -> Result<Response<v1::DeleteExerciseResponse>, Status> {
         let (shared, name) = (Arc::clone(&self.0), request.into_inner().name);
         let _turn = self.0.changing.lock().await;
-        self.0.run(move || shared.store.delete(&name)).await?.map_err(IntoStatus::into_status)?;
+        self.0.run(move || shared.written(shared.store.delete(&name))).await?.map_err(IntoStatus::into_status)?;
         self.0.changes.send_modify(|n| *n += 1);
         Ok(Response::new(v1::DeleteExerciseResponse {}))
+    }
+
+    type WatchExerciseStream = verdicts::Stream;
+
+    async fn watch_exercise(
+        &self,
+        request: Request<v1::WatchExerciseRequest>,
+    ) -> Result<Response<Self::WatchExerciseStream>, Status> {
+        let caller = Caller::of(&request);
+        verdicts::begin(&self.0, &caller, request.into_inner()).await.map(Response::new)
+    }
+
+    async fn renew_lease(
+        &self,
+        request: Request<v1::RenewLeaseRequest>,
+    ) -> Result<Response<v1::RenewLeaseResponse>, Status> {
+        let v1::RenewLeaseRequest { name, owner } = request.into_inner();
+        // Nothing runs out between the answer and what it promises.
+        let _turn = self.0.changing.lock().await;
+        let shared = Arc::clone(&self.0);
+        let stored = self.0.run(move || shared.store.get(&name)).await?.map_err(IntoStatus::into_status)?;
+        let granted = stored.exercise.lease(&owner).ok_or_else(|| {
+            let name = stored.exercise.name();
+            Status::not_found(format!("in exercise '{name}' nothing is under a lease of '{owner}', or no more"))
+        })?;
+        self.renew(stored.created, Some(&granted.lease));
+        Ok(Response::new(v1::RenewLeaseResponse { term_s: granted.lease.term_s() }))
+    }
+}
+
+impl<T> Service<T> {
+    /// Begins the term of a lease that was given.
+    fn renew(&self, created: u64, lease: Option<&Lease>) {
+        if let Some(lease) = lease {
+            self.0.leases.renew(created, lease.owner(), lease.term_s());
+        }
     }
 }
 
@@ -83,7 +133,7 @@ fn changed<T: ServedTerrain>(shared: &Shared<T>, name: &str, change: &Change) ->
         if things > limit {
             return Err(limited("things_per_exercise", "entities and sight lines", things as u64, limit as u64));
         }
-        match shared.store.replace(before.revision, after) {
+        match shared.written(shared.store.replace(before.revision, after)) {
             Err(StoreError::Conflict(_)) => {}
             result => return result.map_err(IntoStatus::into_status),
         }

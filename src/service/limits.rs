@@ -29,6 +29,10 @@ pub struct Limits {
     pub views: usize,
     /// Views of one client.
     pub views_per_client: usize,
+    /// Watches of verdicts at the same time.
+    pub verdict_watches: usize,
+    /// Watches of verdicts of one client.
+    pub verdict_watches_per_client: usize,
     /// Sum of the triangle budgets of all views.
     pub triangles: u64,
     /// Sum of the budgets of one client's views.
@@ -53,6 +57,8 @@ impl Default for Limits {
             connections: 1_000,
             views: MAX_VIEWS,
             views_per_client: MAX_VIEWS,
+            verdict_watches: 1_000,
+            verdict_watches_per_client: 1_000,
             triangles: 40_000_000,
             triangles_per_client: 40_000_000,
             triangles_per_view: MAX_TRIANGLES,
@@ -72,6 +78,8 @@ impl Limits {
             ("connections", self.connections as u64),
             ("views", self.views as u64),
             ("views_per_client", self.views_per_client as u64),
+            ("verdict_watches", self.verdict_watches as u64),
+            ("verdict_watches_per_client", self.verdict_watches_per_client as u64),
             ("triangles", self.triangles),
             ("triangles_per_client", self.triangles_per_client),
             ("triangles_per_view", self.triangles_per_view.into()),
@@ -107,8 +115,16 @@ pub(super) fn limited(name: &str, what: &str, wanted: u64, limit: u64) -> Status
 #[derive(Clone, Copy, Debug, Default)]
 struct Account {
     views: u64,
+    watches: u64,
     triangles: u64,
     calls: Option<Bucket>,
+}
+
+impl Account {
+    /// Whether nothing of it is in use.
+    fn is_idle(&self, now: Instant) -> bool {
+        self.views + self.watches == 0 && self.calls.is_none_or(|calls| calls.is_full(now))
+    }
 }
 
 /// Calls that may still be made now: a second's worth at most.
@@ -160,6 +176,30 @@ impl Accounts {
         self.books.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Takes a place for a watch of verdicts of `client`.
+    pub(super) fn watch_seat(self: &Arc<Self>, client: &Arc<str>) -> Result<WatchSeat, Status> {
+        let limits = &self.limits;
+        let mut books = self.books();
+        let all = books.all.watches + 1;
+        let own = books.account(client, Instant::now())?.watches + 1;
+        let (most, most_own) = (limits.verdict_watches as u64, limits.verdict_watches_per_client as u64);
+        if all > most {
+            return Err(limited("verdict_watches", "watches of verdicts", all, most));
+        }
+        if own > most_own {
+            return Err(limited("verdict_watches_per_client", "watches of verdicts of this client", own, most_own));
+        }
+        books.all.watches = all;
+        books.account(client, Instant::now())?.watches = own;
+        drop(books);
+        Ok(WatchSeat { accounts: Arc::clone(self), client: Arc::clone(client) })
+    }
+
+    /// Watches of verdicts in use.
+    pub(super) fn watches(&self) -> u64 {
+        self.books().all.watches
+    }
+
     /// Views and their triangles in use.
     pub(super) fn used(&self) -> (u64, u64) {
         let all = self.books().all;
@@ -207,12 +247,29 @@ impl Accounts {
 impl Books {
     fn account(&mut self, client: &Arc<str>, now: Instant) -> Result<&mut Account, Status> {
         if !self.clients.contains_key(client) && self.clients.len() >= MAX_CLIENTS {
-            self.clients.retain(|_, account| account.views > 0 || account.calls.is_some_and(|c| !c.is_full(now)));
+            self.clients.retain(|_, account| !account.is_idle(now));
             if self.clients.len() >= MAX_CLIENTS {
                 return Err(Status::resource_exhausted(format!("more than {MAX_CLIENTS} clients at the same time")));
             }
         }
         Ok(self.clients.entry(Arc::clone(client)).or_default())
+    }
+}
+
+/// The place of a watch of verdicts. Dropping it gives the place back.
+#[derive(Debug)]
+pub(super) struct WatchSeat {
+    accounts: Arc<Accounts>,
+    client: Arc<str>,
+}
+
+impl Drop for WatchSeat {
+    fn drop(&mut self) {
+        let mut books = self.accounts.books();
+        books.all.watches -= 1;
+        if let Some(account) = books.clients.get_mut(&self.client) {
+            account.watches -= 1;
+        }
     }
 }
 
@@ -311,6 +368,19 @@ mod tests {
         assert_eq!(accounts.used(), (3, 700));
         drop((first, second, third));
         assert_eq!(accounts.used(), (0, 0));
+    }
+
+    #[test]
+    fn watches_of_verdicts_have_their_own_limits() {
+        let limits = Limits { verdict_watches: 3, verdict_watches_per_client: 2, ..Limits::default() };
+        let (accounts, a, b) = (Accounts::new(limits), "a".into(), "b".into());
+        let (first, _second) = (accounts.watch_seat(&a).unwrap(), accounts.watch_seat(&a).unwrap());
+        refused(accounts.watch_seat(&a), "verdict_watches_per_client");
+        let _third = accounts.watch_seat(&b).unwrap();
+        refused(accounts.watch_seat(&b), "verdict_watches");
+        drop(first);
+        assert_eq!(accounts.watches(), 2);
+        accounts.watch_seat(&a).unwrap();
     }
 
     #[test]

@@ -9,11 +9,14 @@
 
 mod access;
 mod admission;
+mod clock;
 pub mod config;
 mod connections;
 mod convert;
 mod exercises;
+mod followed;
 mod health;
+mod leases;
 mod limits;
 mod lines_of_sight;
 mod operation;
@@ -24,6 +27,7 @@ mod status;
 mod telemetry;
 mod terrains;
 mod turns;
+mod verdicts;
 mod viewer;
 mod views;
 mod wanted;
@@ -43,12 +47,14 @@ use tokio::sync::{Mutex, Semaphore, watch};
 use tonic::Status;
 
 pub use access::{MAX_TOKENS, MIN_SECRET_BYTES, Role, Token, Tokens};
+pub use clock::Clock;
 pub use health::MAX_QUEUE_AGE;
 pub use limits::Limits;
 pub use serve::{Options, ServeError, Tls, serve, serve_with};
 
 use self::{
     health::Health,
+    leases::Leases,
     limits::Accounts,
     telemetry::{Metrics, Moment},
     turns::Turns,
@@ -59,7 +65,7 @@ use crate::{
     exercise::Site,
     roam::Terrain,
     session::{Details, describe},
-    store::ExerciseStore,
+    store::{ExerciseStore, StoreError},
     terrain::{HeightField, Posts, ReadError},
     wedgie::MemoryTerrain,
 };
@@ -168,6 +174,7 @@ struct Shared<T> {
     accounts: Arc<Accounts>,
     tokens: Option<Tokens>,
     watches: Watches,
+    leases: Arc<Leases>,
     metrics: Arc<Metrics>,
     health: Health,
     started: Instant,
@@ -183,6 +190,7 @@ impl<T: ServedTerrain> Shared<T> {
         limits: Limits,
         tokens: Option<Tokens>,
         store: Box<dyn ExerciseStore>,
+        clock: Clock,
         stopping: watch::Receiver<bool>,
     ) -> Result<Self, ReadError> {
         let (site, details) = (terrain.site(), terrain.details()?);
@@ -201,6 +209,7 @@ impl<T: ServedTerrain> Shared<T> {
             accounts: Accounts::new(limits),
             tokens,
             watches: Watches::default(),
+            leases: Leases::new(clock),
             metrics: Metrics::new(),
             health: Health::default(),
             started: Instant::now(),
@@ -214,6 +223,15 @@ impl<T: ServedTerrain> Shared<T> {
         self.turns.run(work).await
     }
 
+    /// Takes notice of how something that was to be written ended.
+    fn written<R>(&self, result: Result<R, StoreError>) -> Result<R, StoreError> {
+        if let Err(error @ StoreError::Failed(_)) = &result {
+            tracing::error!(%error, "an exercise could not be written");
+            self.health.store(false);
+        }
+        result
+    }
+
     /// What is wrong with the server.
     fn troubles(&self) -> Vec<String> {
         self.health.troubles(self.turns.queue().0)
@@ -225,6 +243,7 @@ impl<T: ServedTerrain> Shared<T> {
         let (queue_age, queue_length) = self.turns.queue();
         Moment {
             views,
+            verdict_watches: self.accounts.watches(),
             triangles,
             exercises: self.store.list().map_or(0, |exercises| exercises.len() as u64),
             queue_age,

@@ -32,6 +32,7 @@ fn status<T: ServedTerrain>(shared: &Shared<T>) -> v1::GetStatusResponse {
     status.limits = vec![
         limit("connections", status.connections, limits.connections as u64),
         limit("views", now.views, limits.views as u64),
+        limit("verdict_watches", now.verdict_watches, limits.verdict_watches as u64),
         limit("triangles", now.triangles, limits.triangles),
         limit("exercises", now.exercises, crate::store::MAX_EXERCISES as u64),
     ];

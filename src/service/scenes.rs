@@ -1,7 +1,5 @@
 //! The scene service: a view on a stream of its own, or on a watch.
 
-use std::sync::Arc;
-
 use sightline_proto::v1::{self, scene_service_server::SceneService, stream_scene_request::Request as Wish};
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
@@ -17,7 +15,7 @@ impl<T: ServedTerrain> SceneService for Service<T> {
         &self,
         request: Request<Streaming<v1::StreamSceneRequest>>,
     ) -> Result<Response<Self::StreamSceneStream>, Status> {
-        let caller = caller(&request);
+        let caller = Caller::of(&request);
         let mut inbox = request.into_inner();
         let open = opening(&mut inbox).await.map_err(|status| explained(status, self.0.limits.request_bytes))?;
         let said = views::open(&self.0, &caller, open, Box::pin(inbox)).await?;
@@ -34,7 +32,7 @@ impl<T: ServedTerrain> SceneService for Service<T> {
         &self,
         request: Request<v1::OpenWatchedViewRequest>,
     ) -> Result<Response<v1::OpenWatchedViewResponse>, Status> {
-        let caller = caller(&request);
+        let caller = Caller::of(&request);
         watches::open(&self.0, &caller, request.into_inner()).await?;
         Ok(Response::new(v1::OpenWatchedViewResponse {}))
     }
@@ -54,11 +52,6 @@ impl<T: ServedTerrain> SceneService for Service<T> {
         watches::close(&self.0, &request.into_inner())?;
         Ok(Response::new(v1::CloseWatchedViewResponse {}))
     }
-}
-
-/// Who was admitted.
-fn caller<R>(request: &Request<R>) -> Caller {
-    request.extensions().get::<Caller>().cloned().unwrap_or_else(|| Caller { name: Arc::from("unknown") })
 }
 
 /// The first message, which must open the view.

@@ -22,8 +22,8 @@ use tonic_health::{ServingStatus, server::HealthReporter};
 use tonic_web::GrpcWebLayer;
 
 use super::{
-    DRAINING_TIME, KEEPALIVE_TIME, Limits, SERVICE_NAMES, ServedTerrain, Service, Shared, Tokens, admission,
-    connections, health::LOOKING_TIME, pages, stopped, viewer,
+    Clock, DRAINING_TIME, KEEPALIVE_TIME, Limits, SERVICE_NAMES, ServedTerrain, Service, Shared, Tokens, admission,
+    connections, health::LOOKING_TIME, leases, pages, stopped, viewer,
 };
 use crate::{
     store::{ExerciseStore, MemoryStore},
@@ -60,6 +60,8 @@ pub struct Options {
     pub store: Box<dyn ExerciseStore>,
     /// How long calls under way may take to end once the server is told to stop.
     pub draining_time: Duration,
+    /// By which leases run out.
+    pub clock: Clock,
 }
 
 impl Default for Options {
@@ -70,6 +72,7 @@ impl Default for Options {
             tls: None,
             store: Box::<MemoryStore>::default(),
             draining_time: DRAINING_TIME,
+            clock: Clock::default(),
         }
     }
 }
@@ -111,15 +114,16 @@ pub async fn serve_with<T: ServedTerrain>(
     options: Options,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { limits, tokens, tls, store, draining_time } = options;
+    let Options { limits, tokens, tls, store, draining_time, clock } = options;
     let (stop, stopping) = watch::channel(false);
     let heard = stopping.clone();
-    let shared = tokio::task::spawn_blocking(move || Shared::new(terrain, limits, tokens, store, heard));
+    let shared = tokio::task::spawn_blocking(move || Shared::new(terrain, limits, tokens, store, clock, heard));
     let shared = Arc::new(shared.await.map_err(|error| io::Error::other(error.to_string()))??);
     let (reporter, routes) = routes(&shared)?;
     // Told before anybody can ask.
     report(&reporter, true).await;
     let looking = tokio::spawn(look_after(Arc::clone(&shared), reporter.clone()));
+    let leasing = tokio::spawn(leases::look_after(Arc::clone(&shared)));
     let mut server = Server::builder();
     if let Some(tls) = tls {
         server = server.tls_config(tls.config()).map_err(|error| ServeError::Tls(root_cause(&error)))?;
@@ -151,6 +155,7 @@ pub async fn serve_with<T: ServedTerrain>(
         () = stopped(&mut stopping) => timeout(draining_time, served).await.unwrap_or(Ok(())),
     };
     looking.abort();
+    leasing.abort();
     Ok(result?)
 }
 

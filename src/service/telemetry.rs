@@ -74,7 +74,10 @@ pub(super) struct Metrics {
     held_back: Counter,
     /// Sight lines that do not hold on the last frame of their view.
     pub(super) unsatisfied: Gauge,
+    /// Leases that ran out.
+    pub(super) leases_expired: Counter,
     views: Gauge,
+    verdict_watches: Gauge,
     triangles: Gauge,
     exercises: Gauge,
     queue_age: Gauge<f64, AtomicU64>,
@@ -103,6 +106,7 @@ impl fmt::Debug for Metrics {
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub(super) struct Moment {
     pub(super) views: u64,
+    pub(super) verdict_watches: u64,
     pub(super) triangles: u64,
     pub(super) exercises: u64,
     pub(super) queue_age: Duration,
@@ -123,7 +127,9 @@ impl Metrics {
             frame_bytes: Counter::default(),
             held_back: Counter::default(),
             unsatisfied: Gauge::default(),
+            leases_expired: Counter::default(),
             views: Gauge::default(),
+            verdict_watches: Gauge::default(),
             triangles: Gauge::default(),
             exercises: Gauge::default(),
             queue_age: Gauge::default(),
@@ -151,7 +157,9 @@ impl Metrics {
         r.register_with_unit("frame", "Bytes of frames and updates", Unit::Bytes, self.frame_bytes.clone());
         r.register("frames_held_back", "Frames that a client's pace held back", self.held_back.clone());
         r.register("unsatisfied_lines", "Sight lines named by the last frame of a view", self.unsatisfied.clone());
+        r.register("leases_expired", "Leases that ran out", self.leases_expired.clone());
         r.register("views", "Open views", self.views.clone());
+        r.register("verdict_watches", "Watches of verdicts", self.verdict_watches.clone());
         r.register("view_triangles", "Sum of the budgets of the open views", self.triangles.clone());
         r.register("exercises", "Exercises", self.exercises.clone());
         r.register_with_unit("queue_age", "Wait of the oldest work", Unit::Seconds, self.queue_age.clone());
@@ -211,6 +219,7 @@ impl Metrics {
     pub(super) fn page(&self, now: Moment) -> String {
         let gauge = |gauge: &Gauge, value: u64| gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         gauge(&self.views, now.views);
+        gauge(&self.verdict_watches, now.verdict_watches);
         gauge(&self.triangles, now.triangles);
         gauge(&self.exercises, now.exercises);
         gauge(&self.queue_length, now.queue_length as u64);

@@ -15,7 +15,10 @@ use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 use tracing::Instrument;
 
-use super::{ServedTerrain, Shared, access::Caller, admission::explained, limits::Seat, status::IntoStatus, stopped};
+use super::{
+    ServedTerrain, Shared, access::Caller, admission::explained, followed::Followed, leases::Hold, limits::Seat,
+    status::IntoStatus, stopped,
+};
 use crate::{
     exercise::Exercise,
     session::{Event, Pacer, Pose, Settings, SettingsError, View},
@@ -43,7 +46,8 @@ pub(super) async fn open<T: ServedTerrain>(
     let (outbox, said) = mpsc::channel(1);
     let changes = shared.changes.subscribe();
     let followed = Followed::find(shared, &open.exercise).await?;
-    let view = make(shared, &open, followed.as_ref().map(|f| Arc::clone(&f.exercise))).await?;
+    let hold = followed.as_ref().and_then(|followed| followed.hold(shared, &open.lease_owner));
+    let view = make(shared, &open, followed.as_ref().map(|f| Arc::clone(f.exercise()))).await?;
     let opened = v1::ViewOpened { terrain: Some(shared.description.clone()) };
     let _ = outbox.try_send(Ok(word(Word::Opened(opened))));
     let task = ViewTask {
@@ -54,6 +58,7 @@ pub(super) async fn open<T: ServedTerrain>(
         inbox,
         outbox,
         seat,
+        _hold: hold,
         pacer,
         began: Instant::now(),
         due_since_ms: None,
@@ -94,36 +99,6 @@ async fn make<T: ServedTerrain>(
     shared.run(view).await?.map_err(IntoStatus::into_status)
 }
 
-/// The exercise that a view follows, as it was last seen.
-struct Followed {
-    name: String,
-    created: u64,
-    revision: u64,
-    exercise: Arc<Exercise>,
-}
-
-impl Followed {
-    /// The exercise called `name`; none when the name is empty.
-    async fn find<T: ServedTerrain>(shared: &Arc<Shared<T>>, name: &str) -> Result<Option<Self>, Status> {
-        if name.is_empty() {
-            return Ok(None);
-        }
-        let (inner, key) = (Arc::clone(shared), name.to_owned());
-        let stored = shared.run(move || inner.store.get(&key)).await?.map_err(IntoStatus::into_status)?;
-        let (created, revision, exercise) = (stored.created, stored.revision, stored.exercise);
-        Ok(Some(Self { name: name.to_owned(), created, revision, exercise }))
-    }
-
-    /// Looks again; whether it has moved on. An exercise that has ended ends its views.
-    async fn look<T: ServedTerrain>(&mut self, shared: &Arc<Shared<T>>) -> Result<bool, Status> {
-        let now = Self::find(shared, &self.name).await?.filter(|now| now.created == self.created);
-        let now = now.ok_or_else(|| Status::not_found(format!("exercise '{}' has ended", self.name)))?;
-        let moved = now.revision != self.revision;
-        *self = now;
-        Ok(moved)
-    }
-}
-
 struct ViewTask<T: ServedTerrain> {
     shared: Arc<Shared<T>>,
     /// Absent while a frame is being made.
@@ -133,6 +108,8 @@ struct ViewTask<T: ServedTerrain> {
     inbox: Inbox,
     outbox: Outbox,
     seat: Seat,
+    /// Of the lease that lasts while the view is open.
+    _hold: Option<Hold>,
     pacer: Pacer,
     /// From here the pacer counts.
     began: Instant,
@@ -224,7 +201,7 @@ impl<T: ServedTerrain> ViewTask<T> {
     async fn follow(&mut self) -> Result<(), Status> {
         let Some(followed) = &mut self.followed else { return Ok(()) };
         if followed.look(&self.shared).await? {
-            let exercise = Arc::clone(&followed.exercise);
+            let exercise = Arc::clone(followed.exercise());
             self.tell(Event::Exercise(exercise))?;
         }
         Ok(())

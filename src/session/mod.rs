@@ -10,6 +10,7 @@ mod pace;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod verdicts;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -27,6 +28,7 @@ pub use describe::{Details, describe};
 pub use frame_time::FrameTime;
 pub use pace::{MAX_RATE_HZ, MIN_BYTES_PER_S, Pacer};
 pub use settings::{MAX_SUBSCRIBED_IDS, MAX_TRIANGLES, MIN_TRIANGLES, Pose, Settings, SettingsError, Subscription};
+pub use verdicts::VerdictWatch;
 
 use crate::{
     exercise::{EYE_LINE_ID, Exercise, LineState},
@@ -369,16 +371,21 @@ pub fn fidelity_to_wire(fidelity: Fidelity) -> (v1::Fidelity, f64) {
     }
 }
 
-/// A sight line at its epoch as a message.
-pub fn line_to_wire(state: &LineState) -> v1::SightLineState {
-    let position = |[x, y, z]: [f64; 3]| Some(v1::Position { x, y, z });
-    let (verdict, unknown_reason) = match (state.verdict, state.resolved) {
+/// What is stated of a sight line: its verdict, and why it is UNKNOWN where it is.
+fn stated_verdict(state: &LineState) -> (v1::Verdict, v1::UnknownReason) {
+    match (state.verdict, state.resolved) {
         _ if !state.active => (v1::Verdict::Unknown, v1::UnknownReason::Inactive),
         (Verdict::Visible, _) => (v1::Verdict::Visible, v1::UnknownReason::Unspecified),
         (Verdict::Blocked, _) => (v1::Verdict::Blocked, v1::UnknownReason::Unspecified),
         (Verdict::Unknown, Some(_)) => (v1::Verdict::Unknown, v1::UnknownReason::UnknownGround),
         (Verdict::Unknown, None) => (v1::Verdict::Unknown, v1::UnknownReason::NoGround),
-    };
+    }
+}
+
+/// A sight line at its epoch as a message.
+pub fn line_to_wire(state: &LineState) -> v1::SightLineState {
+    let position = |[x, y, z]: [f64; 3]| Some(v1::Position { x, y, z });
+    let (verdict, unknown_reason) = stated_verdict(state);
     let (fidelity, obstruction_distance_m) = fidelity_to_wire(state.line.fidelity);
     v1::SightLineState {
         id: state.line.id,

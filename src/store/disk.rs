@@ -3,10 +3,15 @@
 //! A change is on disk before it is answered: each is one transaction of redb, an embedded store of copy-on-write
 //! B-trees, synced when it commits. After a kill or a loss of power the file holds the exercises as they were after the
 //! last answered change, or after one more. Whoever asks is served from memory; the file is read once, when it is
-//! opened, all pages and rows of it checked. Kept is what was registered and the epoch, never a verdict or a resolved
-//! end: these are computed again, exactly.
+//! opened, all pages and rows of it checked. Kept is what was registered, under which lease, and the epoch, never a verdict
+//! or a resolved end: these are computed again, exactly. Nor is it kept how long leases still run: nobody could renew one
+//! while there was no server.
+//!
+//! Leases came later and have tables of their own, so files without them are read, and older servers read new files as if
+//! there were none.
 
 use std::{
+    collections::BTreeMap,
     path::Path,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
@@ -17,7 +22,10 @@ use serde::{Deserialize, Serialize};
 use super::{ExerciseStore, MAX_EXERCISES, MemoryStore, State, StoreError, Stored};
 use crate::{
     database::envelope::{self, Sealed},
-    exercise::{Anchor, Entity, Exercise, MAX_ENTITIES, MAX_SIGHT_LINES, SightLine, Site},
+    exercise::{
+        Anchor, Entity, Exercise, Granted, KeptLease, Lease, MAX_ENTITIES, MAX_LEASES, MAX_SIGHT_LINES, SightLine,
+        Site, Thing,
+    },
     roam::Fidelity,
     terrain::HeightField,
 };
@@ -27,6 +35,11 @@ const HEADS: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("exercises"
 /// By `created` of the exercise and their own ids.
 const ENTITIES: Things = TableDefinition::new("entities");
 const SIGHT_LINES: Things = TableDefinition::new("sight_lines");
+/// By `created` of the exercise and their own numbers.
+const LEASES: Things = TableDefinition::new("leases");
+/// The leases of entities and sight lines that are under one, by the same keys as these.
+const LEASED_ENTITIES: Things = TableDefinition::new("leased_entities");
+const LEASED_SIGHT_LINES: Things = TableDefinition::new("leased_sight_lines");
 /// The format, the terrain, and the last revision.
 const FILE: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("file");
 
@@ -43,6 +56,18 @@ struct Head {
     revision: u64,
     epoch: u64,
 }
+
+/// What is kept of a lease beside its number.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+struct LeaseRow {
+    owner: String,
+    term_s: u32,
+    holds_exercise: bool,
+}
+
+/// The number of the lease that a thing is under.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+struct Under(u64);
 
 /// Keeps exercises in a file and in memory.
 #[derive(Debug)]
@@ -136,7 +161,7 @@ impl ExerciseStore for DiskStore {
         let created = self.memory.get(name)?.created;
         self.commit(self.last_revision(), |change| {
             change.open_table(HEADS).map_err(failed)?.remove(name).map_err(failed)?;
-            for things in [ENTITIES, SIGHT_LINES] {
+            for things in [ENTITIES, SIGHT_LINES, LEASES, LEASED_ENTITIES, LEASED_SIGHT_LINES] {
                 let mut table = change.open_table(things).map_err(failed)?;
                 table.retain_in((created, 0)..=(created, u64::MAX), |_, _| false).map_err(failed)?;
             }
@@ -158,8 +183,9 @@ fn failed(error: impl std::fmt::Display) -> StoreError {
 /// Makes the tables, and looks whether the file is one of this format and terrain.
 fn prepare(change: &WriteTransaction, terrain: &[u8]) -> Result<(), StoreError> {
     change.open_table(HEADS).map_err(failed)?;
-    change.open_table(ENTITIES).map_err(failed)?;
-    change.open_table(SIGHT_LINES).map_err(failed)?;
+    for things in [ENTITIES, SIGHT_LINES, LEASES, LEASED_ENTITIES, LEASED_SIGHT_LINES] {
+        change.open_table(things).map_err(failed)?;
+    }
     let mut file = change.open_table(FILE).map_err(failed)?;
     let mut expect = |what: &str, expected: &[u8], otherwise: &str| {
         let found = file.get(what).map_err(failed)?.map(|found| found.value().to_vec());
@@ -192,7 +218,18 @@ fn put(
     let entities = [before, after].map(|exercise| exercise.entities().map(|entity| (entity.id, *entity)));
     put_things(change, ENTITIES, created, entities)?;
     let lines = [before, after].map(|exercise| exercise.sight_lines().map(|state| (state.line.id, state.line)));
-    put_things(change, SIGHT_LINES, created, lines)
+    put_things(change, SIGHT_LINES, created, lines)?;
+    put_things(change, LEASES, created, [before, after].map(|exercise| exercise.leases().map(lease_row)))?;
+    for (table, thing) in [(LEASED_ENTITIES, Thing::Entity), (LEASED_SIGHT_LINES, Thing::SightLine)] {
+        let leased = [before, after].map(|exercise| exercise.leased(thing).map(|(id, number)| (id, Under(number))));
+        put_things(change, table, created, leased)?;
+    }
+    Ok(())
+}
+
+fn lease_row((number, granted): (u64, &Granted)) -> (u64, LeaseRow) {
+    let (owner, term_s) = (granted.lease.owner().to_string(), granted.lease.term_s());
+    (number, LeaseRow { owner, term_s, holds_exercise: granted.holds_exercise })
 }
 
 /// Writes what differs between two lists, both by ascending id.
@@ -223,8 +260,9 @@ fn put_things<T: PartialEq + Sealed>(
 fn read(file: &Database, site: &Site, field: &impl HeightField) -> Result<State, StoreError> {
     let reading = file.begin_read().map_err(failed)?;
     let heads = reading.open_table(HEADS).map_err(failed)?;
-    let entities = reading.open_table(ENTITIES).map_err(failed)?;
-    let lines = reading.open_table(SIGHT_LINES).map_err(failed)?;
+    let table = |things: Things| reading.open_table(things).map_err(failed);
+    let (entities, lines, leases) = (table(ENTITIES)?, table(SIGHT_LINES)?, table(LEASES)?);
+    let leased = [table(LEASED_ENTITIES)?, table(LEASED_SIGHT_LINES)?];
     let last = reading.open_table(FILE).map_err(failed)?.get("last_revision").map_err(failed)?;
     let last = last.map(|bytes| bytes.value().try_into().map(u64::from_le_bytes)).transpose();
     let mut state =
@@ -235,10 +273,16 @@ fn read(file: &Database, site: &Site, field: &impl HeightField) -> Result<State,
         if state.exercises.len() >= MAX_EXERCISES || head.revision.max(head.created) > state.last_revision {
             return Err(damaged("its list of exercises"));
         }
-        let entities: Vec<Entity> = read_things(&entities, head.created, MAX_ENTITIES)?;
-        let lines: Vec<SightLine> = read_things(&lines, head.created, MAX_SIGHT_LINES)?;
+        let entities: Vec<Entity> = read_things(&entities, head.created, MAX_ENTITIES)?.into_values().collect();
+        let lines: Vec<SightLine> = read_things(&lines, head.created, MAX_SIGHT_LINES)?.into_values().collect();
         let exercise = Exercise::restored(&name, head.epoch, &entities, &lines, site, field)
             .map_err(|error| StoreError::Failed(format!("exercise '{name}': {error}")))?;
+        let leases = read_things(&leases, head.created, MAX_LEASES)?;
+        let leases: Vec<KeptLease> = leases.into_iter().map(kept_lease).collect::<Result<_, _>>()?;
+        let under = |of: usize, limit| read_things::<Under>(&leased[of], head.created, limit);
+        let [entities, lines] = [under(0, MAX_ENTITIES)?, under(1, MAX_SIGHT_LINES)?]
+            .map(|things| things.into_iter().map(|(id, Under(number))| (id, number)));
+        let exercise = exercise.with_leases(leases, entities, lines).ok_or_else(|| damaged("a lease"))?;
         let Head { created, revision, .. } = head;
         state.exercises.insert(name, Stored { revision, created, exercise: Arc::new(exercise) });
     }
@@ -249,15 +293,21 @@ fn read_things<T: Sealed>(
     table: &impl ReadableTable<(u64, u64), &'static [u8]>,
     created: u64,
     limit: usize,
-) -> Result<Vec<T>, StoreError> {
-    let mut things = Vec::new();
+) -> Result<BTreeMap<u64, T>, StoreError> {
+    let mut things = BTreeMap::new();
     for row in table.range((created, 0)..=(created, u64::MAX)).map_err(failed)? {
         if things.len() >= limit {
             return Err(damaged("the number of things of an exercise"));
         }
-        things.push(decode(row.map_err(failed)?.1.value(), "a thing of an exercise")?);
+        let (key, thing) = row.map_err(failed)?;
+        things.insert(key.value().1, decode(thing.value(), "a thing of an exercise")?);
     }
     Ok(things)
+}
+
+fn kept_lease((number, row): (u64, LeaseRow)) -> Result<KeptLease, StoreError> {
+    let lease = Lease::new(&row.owner, row.term_s).map_err(|_| damaged("a lease"))?;
+    Ok((number, lease, row.holds_exercise))
 }
 
 fn damaged(what: &str) -> StoreError {
@@ -280,6 +330,24 @@ impl Sealed for Head {
 
     fn check(&self) -> Result<(), String> {
         if self.created <= self.revision { Ok(()) } else { Err("it was made after its last change".into()) }
+    }
+}
+
+impl Sealed for LeaseRow {
+    const MAGIC: [u8; 8] = *b"SLxLease";
+    const VERSION: u32 = FORMAT;
+
+    fn check(&self) -> Result<(), String> {
+        Lease::new(&self.owner, self.term_s).map(|_| ()).map_err(|error| error.to_string())
+    }
+}
+
+impl Sealed for Under {
+    const MAGIC: [u8; 8] = *b"SLxUnder";
+    const VERSION: u32 = FORMAT;
+
+    fn check(&self) -> Result<(), String> {
+        Ok(())
     }
 }
 
@@ -358,7 +426,8 @@ mod tests {
             range_m: (k == 2).then_some(200.0),
             region: (k == 4).then_some(Disc { centre: [200.0, 200.0], frame: Frame::Scene, radius_m: 90.0 }),
         };
-        Change { put_entities: entities, put_sight_lines: (0..5).map(line).collect(), ..Change::default() }
+        let lease = (!n.is_multiple_of(3)).then(|| Lease::new(&format!("owner-{}", n % 4), 60 + n as u32).unwrap());
+        Change { put_entities: entities, put_sight_lines: (0..5).map(line).collect(), lease, ..Change::default() }
     }
 
     /// All that clients could see of a store.
@@ -366,7 +435,10 @@ mod tests {
         let settled = |exercise: &Exercise| {
             let lines: Vec<_> = exercise.sight_lines().map(|state| state.line).collect();
             let entities: Vec<_> = exercise.entities().copied().collect();
-            Exercise::restored(exercise.name(), exercise.epoch(), &entities, &lines, &SITE, &field()).unwrap()
+            let restored = Exercise::restored(exercise.name(), exercise.epoch(), &entities, &lines, &SITE, &field());
+            let leases = exercise.leases().map(|(number, g)| (number, g.lease.clone(), g.holds_exercise));
+            let [entities, lines] = [Thing::Entity, Thing::SightLine].map(|thing| exercise.leased(thing));
+            restored.unwrap().with_leases(leases, entities, lines).unwrap()
         };
         store.list().unwrap().iter().map(|s| (s.created, s.revision, settled(&s.exercise))).collect()
     }
@@ -380,7 +452,14 @@ mod tests {
         for n in 0..40_u64 {
             let name = format!("exercise-{}", n % 3);
             match store.get(&name) {
-                Err(_) => drop(store.create(Exercise::new(&name).unwrap()).unwrap()),
+                Err(_) => {
+                    let lease = Lease::new("page", 30).unwrap();
+                    drop(store.create(Exercise::new(&name).unwrap().under(&lease)).unwrap());
+                }
+                Ok(before) if n % 13 == 12 => {
+                    let owner = before.exercise.leases().last().unwrap().1.lease.owner().to_string();
+                    store.replace(before.revision, before.exercise.expired(&owner).unwrap()).unwrap();
+                }
                 Ok(_) if n % 11 == 10 => store.delete(&name).unwrap(),
                 Ok(before) => {
                     let mut change = change(n);
@@ -400,6 +479,7 @@ mod tests {
             assert_eq!(store.last_revision(), last);
         }
         assert!(store.list().unwrap().iter().any(|stored| stored.exercise.sight_lines().len() > 4));
+        assert!(store.list().unwrap().iter().any(|stored| stored.exercise.leases().len() > 2));
         // What is answered after the restart is computed, not read.
         for stored in store.list().unwrap() {
             for state in stored.exercise.sight_lines().filter(|state| state.active) {
@@ -426,6 +506,14 @@ mod tests {
         drop(store);
         let other = DiskStore::open(&path, b"another", &SITE, &field()).unwrap_err().to_string();
         assert!(other.contains("another terrain") && other.contains("state"), "{other}");
+        // A file from before there were leases.
+        let file = Database::create(&path).unwrap();
+        let change = file.begin_write().unwrap();
+        for table in [LEASES, LEASED_ENTITIES, LEASED_SIGHT_LINES] {
+            assert!(change.delete_table(table).unwrap());
+        }
+        change.commit().unwrap();
+        drop(file);
         // A name that is used again is another exercise.
         let store = open(&path).unwrap();
         store.delete("one").unwrap();

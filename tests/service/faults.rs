@@ -113,8 +113,7 @@ async fn a_view_keeps_the_pace_that_its_client_chose_and_says_so() {
     let (running, _client) = started().await;
     let (sender, call) = raw_stream(&running.address).await;
     let pace = Some(v1::Pace { max_rate_hz: 20.0, max_bytes_per_s: 0 });
-    let open =
-        v1::OpenView { exercise: String::new(), settings: Some(settings(300)), pose: Some(pose(0.0, 0.0)), pace };
+    let open = v1::OpenView { settings: Some(settings(300)), pose: Some(pose(0.0, 0.0)), pace, ..Default::default() };
     sender.send(wish(Wish::Open(open))).await.unwrap();
     let mut stream = call.await.unwrap().unwrap();
     let (mut frames, mut held_back, mut first) = (0_u32, 0, None);

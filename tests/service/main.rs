@@ -3,6 +3,7 @@
 mod access;
 mod epochs;
 mod faults;
+mod leases;
 mod lines;
 mod port;
 mod resume;
@@ -454,8 +455,7 @@ fn wish(request: Wish) -> v1::StreamSceneRequest {
 async fn a_client_that_acknowledges_nothing_gets_three_frames() {
     let (running, _client) = started().await;
     let (sender, call) = raw_stream(&running.address).await;
-    let open =
-        v1::OpenView { exercise: String::new(), settings: Some(settings(500)), pose: Some(pose(0.0, 0.0)), pace: None };
+    let open = v1::OpenView { settings: Some(settings(500)), pose: Some(pose(0.0, 0.0)), ..Default::default() };
     sender.send(wish(Wish::Open(open.clone()))).await.unwrap();
     let mut stream = call.await.unwrap().unwrap();
     let mut frames = 0;

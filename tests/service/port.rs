@@ -179,7 +179,7 @@ async fn a_browser_watches_several_views_on_one_stream() {
             exercise: exercise.into(),
             settings: Some(settings(300)),
             pose: Some(pose(100.0, 100.0)),
-            pace: None,
+            ..Default::default()
         }),
     };
     for view_id in [4, 9] {

@@ -34,6 +34,7 @@
 
 mod access;
 pub mod buffers;
+mod exercises;
 pub mod judge;
 mod lines;
 pub mod morph;
@@ -55,6 +56,7 @@ use tonic::{
 use access::Bearer;
 
 pub use access::Access;
+pub use exercises::ExerciseWatch;
 pub use lines::{LineStream, Tiles};
 pub use sightline_proto::v1;
 pub use view::{Event, View};
@@ -183,7 +185,7 @@ impl Client {
 
     /// Makes an exercise.
     pub async fn create_exercise(&self, name: &str) -> Result<(), ClientError> {
-        self.exercises().create_exercise(v1::CreateExerciseRequest { name: name.to_owned() }).await?;
+        self.exercises().create_exercise(v1::CreateExerciseRequest { name: name.to_owned(), lease: None }).await?;
         Ok(())
     }
 
@@ -216,8 +218,12 @@ impl Client {
         settings: v1::ViewSettings,
         pose: v1::Pose,
     ) -> Result<View, ClientError> {
-        let open =
-            v1::OpenView { exercise: exercise.to_owned(), settings: Some(settings), pose: Some(pose), pace: None };
+        let (settings, pose) = (Some(settings), Some(pose));
+        self.open(v1::OpenView { exercise: exercise.to_owned(), settings, pose, ..Default::default() }).await
+    }
+
+    /// Opens a view with all that may be said of it: its pace, and the lease that it holds.
+    pub async fn open(&self, open: v1::OpenView) -> Result<View, ClientError> {
         let scenes = SceneServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES);
         View::open(scenes, open).await
     }

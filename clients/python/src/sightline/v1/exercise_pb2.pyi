@@ -21,6 +21,32 @@ FIDELITY_WEDGIE: Fidelity
 FIDELITY_PROFILE: Fidelity
 FIDELITY_OBSTRUCTION: Fidelity
 
+class Lease(_message.Message):
+    __slots__ = ("owner", "term_s")
+    OWNER_FIELD_NUMBER: _ClassVar[int]
+    TERM_S_FIELD_NUMBER: _ClassVar[int]
+    owner: str
+    term_s: int
+    def __init__(self, owner: _Optional[str] = ..., term_s: _Optional[int] = ...) -> None: ...
+
+class LeaseState(_message.Message):
+    __slots__ = ("owner", "term_s", "remaining_s", "streams", "holds_exercise", "entities", "sight_lines")
+    OWNER_FIELD_NUMBER: _ClassVar[int]
+    TERM_S_FIELD_NUMBER: _ClassVar[int]
+    REMAINING_S_FIELD_NUMBER: _ClassVar[int]
+    STREAMS_FIELD_NUMBER: _ClassVar[int]
+    HOLDS_EXERCISE_FIELD_NUMBER: _ClassVar[int]
+    ENTITIES_FIELD_NUMBER: _ClassVar[int]
+    SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    owner: str
+    term_s: int
+    remaining_s: float
+    streams: int
+    holds_exercise: bool
+    entities: int
+    sight_lines: int
+    def __init__(self, owner: _Optional[str] = ..., term_s: _Optional[int] = ..., remaining_s: _Optional[float] = ..., streams: _Optional[int] = ..., holds_exercise: bool = ..., entities: _Optional[int] = ..., sight_lines: _Optional[int] = ...) -> None: ...
+
 class Entity(_message.Message):
     __slots__ = ("id", "position", "frame", "altitude", "ground_m")
     ID_FIELD_NUMBER: _ClassVar[int]
@@ -110,10 +136,12 @@ class SightLineState(_message.Message):
     def __init__(self, id: _Optional[int] = ..., resolved: _Optional[_Union[_common_pb2.Segment, _Mapping]] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ..., fidelity: _Optional[_Union[Fidelity, str]] = ..., obstruction_distance_m: _Optional[float] = ..., first_obstruction: _Optional[float] = ...) -> None: ...
 
 class CreateExerciseRequest(_message.Message):
-    __slots__ = ("name",)
+    __slots__ = ("name", "lease")
     NAME_FIELD_NUMBER: _ClassVar[int]
+    LEASE_FIELD_NUMBER: _ClassVar[int]
     name: str
-    def __init__(self, name: _Optional[str] = ...) -> None: ...
+    lease: Lease
+    def __init__(self, name: _Optional[str] = ..., lease: _Optional[_Union[Lease, _Mapping]] = ...) -> None: ...
 
 class CreateExerciseResponse(_message.Message):
     __slots__ = ()
@@ -148,28 +176,32 @@ class GetExerciseRequest(_message.Message):
     def __init__(self, name: _Optional[str] = ...) -> None: ...
 
 class GetExerciseResponse(_message.Message):
-    __slots__ = ("epoch", "entities", "sight_lines")
+    __slots__ = ("epoch", "entities", "sight_lines", "leases")
     EPOCH_FIELD_NUMBER: _ClassVar[int]
     ENTITIES_FIELD_NUMBER: _ClassVar[int]
     SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    LEASES_FIELD_NUMBER: _ClassVar[int]
     epoch: int
     entities: _containers.RepeatedCompositeFieldContainer[Entity]
     sight_lines: _containers.RepeatedCompositeFieldContainer[SightLineState]
-    def __init__(self, epoch: _Optional[int] = ..., entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., sight_lines: _Optional[_Iterable[_Union[SightLineState, _Mapping]]] = ...) -> None: ...
+    leases: _containers.RepeatedCompositeFieldContainer[LeaseState]
+    def __init__(self, epoch: _Optional[int] = ..., entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., sight_lines: _Optional[_Iterable[_Union[SightLineState, _Mapping]]] = ..., leases: _Optional[_Iterable[_Union[LeaseState, _Mapping]]] = ...) -> None: ...
 
 class ChangeExerciseRequest(_message.Message):
-    __slots__ = ("name", "remove_entities", "remove_sight_lines", "put_entities", "put_sight_lines")
+    __slots__ = ("name", "remove_entities", "remove_sight_lines", "put_entities", "put_sight_lines", "lease")
     NAME_FIELD_NUMBER: _ClassVar[int]
     REMOVE_ENTITIES_FIELD_NUMBER: _ClassVar[int]
     REMOVE_SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
     PUT_ENTITIES_FIELD_NUMBER: _ClassVar[int]
     PUT_SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    LEASE_FIELD_NUMBER: _ClassVar[int]
     name: str
     remove_entities: _containers.RepeatedScalarFieldContainer[int]
     remove_sight_lines: _containers.RepeatedScalarFieldContainer[int]
     put_entities: _containers.RepeatedCompositeFieldContainer[Entity]
     put_sight_lines: _containers.RepeatedCompositeFieldContainer[SightLine]
-    def __init__(self, name: _Optional[str] = ..., remove_entities: _Optional[_Iterable[int]] = ..., remove_sight_lines: _Optional[_Iterable[int]] = ..., put_entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., put_sight_lines: _Optional[_Iterable[_Union[SightLine, _Mapping]]] = ...) -> None: ...
+    lease: Lease
+    def __init__(self, name: _Optional[str] = ..., remove_entities: _Optional[_Iterable[int]] = ..., remove_sight_lines: _Optional[_Iterable[int]] = ..., put_entities: _Optional[_Iterable[_Union[Entity, _Mapping]]] = ..., put_sight_lines: _Optional[_Iterable[_Union[SightLine, _Mapping]]] = ..., lease: _Optional[_Union[Lease, _Mapping]] = ...) -> None: ...
 
 class ChangeExerciseResponse(_message.Message):
     __slots__ = ("epoch",)
@@ -186,3 +218,49 @@ class DeleteExerciseRequest(_message.Message):
 class DeleteExerciseResponse(_message.Message):
     __slots__ = ()
     def __init__(self) -> None: ...
+
+class WatchExerciseRequest(_message.Message):
+    __slots__ = ("name", "sight_lines", "lease_owner")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    SIGHT_LINES_FIELD_NUMBER: _ClassVar[int]
+    LEASE_OWNER_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    sight_lines: _containers.RepeatedScalarFieldContainer[int]
+    lease_owner: str
+    def __init__(self, name: _Optional[str] = ..., sight_lines: _Optional[_Iterable[int]] = ..., lease_owner: _Optional[str] = ...) -> None: ...
+
+class WatchExerciseResponse(_message.Message):
+    __slots__ = ("epoch", "changed", "removed", "expired_owners")
+    EPOCH_FIELD_NUMBER: _ClassVar[int]
+    CHANGED_FIELD_NUMBER: _ClassVar[int]
+    REMOVED_FIELD_NUMBER: _ClassVar[int]
+    EXPIRED_OWNERS_FIELD_NUMBER: _ClassVar[int]
+    epoch: int
+    changed: _containers.RepeatedCompositeFieldContainer[LineVerdict]
+    removed: _containers.RepeatedScalarFieldContainer[int]
+    expired_owners: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, epoch: _Optional[int] = ..., changed: _Optional[_Iterable[_Union[LineVerdict, _Mapping]]] = ..., removed: _Optional[_Iterable[int]] = ..., expired_owners: _Optional[_Iterable[str]] = ...) -> None: ...
+
+class LineVerdict(_message.Message):
+    __slots__ = ("id", "verdict", "unknown_reason")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    VERDICT_FIELD_NUMBER: _ClassVar[int]
+    UNKNOWN_REASON_FIELD_NUMBER: _ClassVar[int]
+    id: int
+    verdict: _common_pb2.Verdict
+    unknown_reason: _common_pb2.UnknownReason
+    def __init__(self, id: _Optional[int] = ..., verdict: _Optional[_Union[_common_pb2.Verdict, str]] = ..., unknown_reason: _Optional[_Union[_common_pb2.UnknownReason, str]] = ...) -> None: ...
+
+class RenewLeaseRequest(_message.Message):
+    __slots__ = ("name", "owner")
+    NAME_FIELD_NUMBER: _ClassVar[int]
+    OWNER_FIELD_NUMBER: _ClassVar[int]
+    name: str
+    owner: str
+    def __init__(self, name: _Optional[str] = ..., owner: _Optional[str] = ...) -> None: ...
+
+class RenewLeaseResponse(_message.Message):
+    __slots__ = ("term_s",)
+    TERM_S_FIELD_NUMBER: _ClassVar[int]
+    term_s: int
+    def __init__(self, term_s: _Optional[int] = ...) -> None: ...

@@ -60,6 +60,16 @@ class ExerciseServiceStub(object):
                 request_serializer=sightline_dot_v1_dot_exercise__pb2.DeleteExerciseRequest.SerializeToString,
                 response_deserializer=sightline_dot_v1_dot_exercise__pb2.DeleteExerciseResponse.FromString,
                 _registered_method=True)
+        self.WatchExercise = channel.unary_stream(
+                '/sightline.v1.ExerciseService/WatchExercise',
+                request_serializer=sightline_dot_v1_dot_exercise__pb2.WatchExerciseRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_exercise__pb2.WatchExerciseResponse.FromString,
+                _registered_method=True)
+        self.RenewLease = channel.unary_unary(
+                '/sightline.v1.ExerciseService/RenewLease',
+                request_serializer=sightline_dot_v1_dot_exercise__pb2.RenewLeaseRequest.SerializeToString,
+                response_deserializer=sightline_dot_v1_dot_exercise__pb2.RenewLeaseResponse.FromString,
+                _registered_method=True)
 
 
 class ExerciseServiceServicer(object):
@@ -101,6 +111,21 @@ class ExerciseServiceServicer(object):
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def WatchExercise(self, request, context):
+        """The verdicts of an exercise as they change: all of them at first, then those that are others than before, with the
+        epoch. A reader that is slow is told the newest state, not every epoch. The stream ends with the exercise (NOT_FOUND).
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RenewLease(self, request, context):
+        """Gives a lease its full term again. NOT_FOUND: it has expired, or there is nothing under it.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_ExerciseServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -128,6 +153,16 @@ def add_ExerciseServiceServicer_to_server(servicer, server):
                     servicer.DeleteExercise,
                     request_deserializer=sightline_dot_v1_dot_exercise__pb2.DeleteExerciseRequest.FromString,
                     response_serializer=sightline_dot_v1_dot_exercise__pb2.DeleteExerciseResponse.SerializeToString,
+            ),
+            'WatchExercise': grpc.unary_stream_rpc_method_handler(
+                    servicer.WatchExercise,
+                    request_deserializer=sightline_dot_v1_dot_exercise__pb2.WatchExerciseRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_exercise__pb2.WatchExerciseResponse.SerializeToString,
+            ),
+            'RenewLease': grpc.unary_unary_rpc_method_handler(
+                    servicer.RenewLease,
+                    request_deserializer=sightline_dot_v1_dot_exercise__pb2.RenewLeaseRequest.FromString,
+                    response_serializer=sightline_dot_v1_dot_exercise__pb2.RenewLeaseResponse.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -266,6 +301,60 @@ class ExerciseService(object):
             '/sightline.v1.ExerciseService/DeleteExercise',
             sightline_dot_v1_dot_exercise__pb2.DeleteExerciseRequest.SerializeToString,
             sightline_dot_v1_dot_exercise__pb2.DeleteExerciseResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def WatchExercise(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_stream(
+            request,
+            target,
+            '/sightline.v1.ExerciseService/WatchExercise',
+            sightline_dot_v1_dot_exercise__pb2.WatchExerciseRequest.SerializeToString,
+            sightline_dot_v1_dot_exercise__pb2.WatchExerciseResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RenewLease(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/sightline.v1.ExerciseService/RenewLease',
+            sightline_dot_v1_dot_exercise__pb2.RenewLeaseRequest.SerializeToString,
+            sightline_dot_v1_dot_exercise__pb2.RenewLeaseResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -38,16 +38,18 @@ class StreamSceneResponse(_message.Message):
     def __init__(self, opened: _Optional[_Union[ViewOpened, _Mapping]] = ..., exercise: _Optional[_Union[ExerciseUpdate, _Mapping]] = ..., frame: _Optional[_Union[Frame, _Mapping]] = ...) -> None: ...
 
 class OpenView(_message.Message):
-    __slots__ = ("exercise", "settings", "pose", "pace")
+    __slots__ = ("exercise", "settings", "pose", "lease_owner", "pace")
     EXERCISE_FIELD_NUMBER: _ClassVar[int]
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
+    LEASE_OWNER_FIELD_NUMBER: _ClassVar[int]
     PACE_FIELD_NUMBER: _ClassVar[int]
     exercise: str
     settings: ViewSettings
     pose: Pose
+    lease_owner: str
     pace: Pace
-    def __init__(self, exercise: _Optional[str] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., pace: _Optional[_Union[Pace, _Mapping]] = ...) -> None: ...
+    def __init__(self, exercise: _Optional[str] = ..., settings: _Optional[_Union[ViewSettings, _Mapping]] = ..., pose: _Optional[_Union[Pose, _Mapping]] = ..., lease_owner: _Optional[str] = ..., pace: _Optional[_Union[Pace, _Mapping]] = ...) -> None: ...
 
 class SteerView(_message.Message):
     __slots__ = ("pose", "pose_sequence", "applied_sequence", "settings", "frame_time_ms", "pace")
