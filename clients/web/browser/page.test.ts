@@ -112,6 +112,8 @@ test("it begins with two views and lines on which both agree with the server", a
   expect(await page.textContent("#link-text")).toBe("Connected");
   const shown = await compare();
   expect(shown.length).toBe(12);
+  const leases = (await held())?.leases.map(({ holdsExercise, streams, termS }) => ({ holdsExercise, streams, termS }));
+  expect(leases, "both views hold what a crash would leave").toEqual([{ holdsExercise: true, streams: 2, termS: 60 }]);
   expect(new Set(shown.map((row) => row["server"])).size).toBe(2);
   await until("a line is chosen and explained", async () => /VISIBLE/.test((await page.textContent("#answer")) ?? ""), PATIENCE_MS);
   await until("both meshes are in the profile", async () => (await page.$$eval("#profile .mesh", (all) => all.length)) === 2, PATIENCE_MS);

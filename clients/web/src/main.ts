@@ -64,7 +64,7 @@ async function insist<T>(call: () => Promise<T>): Promise<T> {
 }
 
 /** The exercise of the address, or one of this page's own; and a choice of those that there are. */
-async function chooseExercise(of: Server): Promise<{ name: string; isShared: boolean }> {
+async function chooseExercise(of: Server): Promise<{ name: string; isShared: boolean; owner: string }> {
   const wanted = new URLSearchParams(location.search).get("exercise");
   const { exercises } = await of.exercises.listExercises({}, { timeoutMs: CALL_MS });
   const select = byId<HTMLSelectElement>("exercise");
@@ -78,8 +78,9 @@ async function chooseExercise(of: Server): Promise<{ name: string; isShared: boo
   select.addEventListener("change", () => {
     location.search = select.value ? `?exercise=${encodeURIComponent(select.value)}` : "";
   });
-  if (wanted && exercises.some((e) => e.name === wanted)) return { name: wanted, isShared: true };
-  return { name: `page-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`, isShared: false };
+  const owner = `page-${crypto.getRandomValues(new Uint32Array(2)).join("-")}`;
+  if (wanted && exercises.some((e) => e.name === wanted)) return { name: wanted, isShared: true, owner };
+  return { name: owner, isShared: false, owner };
 }
 
 async function main(): Promise<void> {

@@ -36,7 +36,7 @@ const state = (view: WatchedView) => ({ hash: view.scene?.mesh.hash, verdicts: v
 
 test("a view goes on after its server was killed and started anew", async () => {
   const server = connect(running.address);
-  const exercise = new OwnExercise(server, "again", () => undefined, (error) => expect(error).toBeUndefined());
+  const exercise = new OwnExercise(server, "again", "page-again", false, () => undefined, (error) => expect(error).toBeUndefined());
   const links: Link[] = [];
   const watch = new Watch(server, { prepare: () => exercise.register(), link: (link) => links.push(link) });
   exercise.put(lines);

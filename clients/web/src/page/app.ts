@@ -57,12 +57,12 @@ export class App implements Host {
     private readonly server: Server,
     readonly space: Space,
     private readonly start: Start,
-    exercise: { name: string; isShared: boolean },
+    exercise: { name: string; isShared: boolean; owner: string },
     private readonly hooks: { link(link: Link): void; hint(text: string): void; selected(line: OwnLine | undefined): void },
   ) {
     this.errors = new Errors(server, space.scale.z);
     this.nextId = exercise.isShared ? BigInt(Math.floor(Math.random() * 2 ** 40)) << 20n : 1n;
-    this.exercise = new OwnExercise(server, exercise.name, () => this.restated(), (error) => this.failed(error));
+    this.exercise = new OwnExercise(server, exercise.name, exercise.owner, exercise.isShared, () => this.restated(), (error) => this.failed(error));
     this.watch = new Watch(server, {
       prepare: async () => {
         await this.checkTerrain();
@@ -106,6 +106,7 @@ export class App implements Host {
     pane.overlay = this.overlay;
     pane.begin();
     if (this.showsErrors) pane.recolour();
+    pane.view.wish.leaseOwner = this.exercise.owner;
     void this.watch.add(pane.view);
     this.judged();
   }

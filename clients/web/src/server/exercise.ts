@@ -1,12 +1,17 @@
 /**
  * The page's sight lines and the exercise on the server that holds them. The page's own list is the source: it is
  * registered anew when the server comes back without it. Changes are sent one at a time, the newest state of each line only.
+ *
+ * All of it is under a lease that the page's views hold: a page that vanishes leaves nothing for long.
  */
 
 import { create } from "@bufbuild/protobuf";
 import { AltitudeReference, CoordinateFrame } from "../generated/sightline/v1/common_pb";
 import { AnchorSchema, Fidelity, type SightLineState, SightLineSchema } from "../generated/sightline/v1/exercise_pb";
 import { CALL_MS, Code, ConnectError, type Server } from "./connection";
+
+/** How long what the page has registered outlives its views, in seconds: longer than a lost connection takes to come back. */
+const LEASE_S = 60;
 
 /** An end of a line: metres east and north of post (0, 0), metres above the ground there. */
 export interface End {
@@ -47,6 +52,10 @@ export class OwnExercise {
   constructor(
     private readonly server: Server,
     readonly name: string,
+    /** Of the lease. */
+    readonly owner: string,
+    /** Whether others may have made the exercise: then it stays when the lease has run out. */
+    private readonly isShared: boolean,
     /** Told when the stated lines have changed. */
     private readonly changed: () => void,
     private readonly failed: (error: unknown) => void,
@@ -55,10 +64,12 @@ export class OwnExercise {
   /** Makes the exercise if the server does not have it, and registers the page's lines. */
   async register(): Promise<void> {
     try {
-      await this.server.exercises.createExercise({ name: this.name }, { timeoutMs: CALL_MS });
+      await this.server.exercises.createExercise(this.isShared ? { name: this.name } : { name: this.name, lease: this.lease }, { timeoutMs: CALL_MS });
       this.registered.clear();
     } catch (error) {
       if (ConnectError.from(error).code !== Code.AlreadyExists) throw error;
+      await this.refresh();
+      for (const id of this.registered) if (!this.stated.has(id)) this.registered.delete(id);
     }
     this.isThere = true;
     for (const id of this.own.keys()) this.dirty.add(id);
@@ -118,6 +129,10 @@ export class OwnExercise {
     await this.server.exercises.deleteExercise({ name: this.name }, { timeoutMs: CALL_MS });
   }
 
+  private get lease() {
+    return { owner: this.owner, termS: LEASE_S };
+  }
+
   private sendSoon(): void {
     if (this.isSending || !this.isThere) return;
     this.send().catch(this.failed);
@@ -133,7 +148,7 @@ export class OwnExercise {
         this.dirty.clear();
         if (removeSightLines.length + lines.length === 0) return;
         const putSightLines = lines.map((line) => this.wire(line));
-        await this.server.exercises.changeExercise({ name: this.name, removeSightLines, putSightLines }, { timeoutMs: CALL_MS });
+        await this.server.exercises.changeExercise({ name: this.name, removeSightLines, putSightLines, lease: this.lease }, { timeoutMs: CALL_MS });
         for (const id of removeSightLines) this.registered.delete(id);
         for (const { id } of lines) this.registered.add(id);
         void this.refresh().catch(this.failed);

@@ -16,6 +16,8 @@ import { CALL_MS, type Server, said } from "./connection";
 /** What a view asks of the server. */
 export interface Wish {
   exercise: string;
+  /** Whose lease the view holds; none: nobody's. */
+  leaseOwner?: string;
   pose: Pose;
   settings: ViewSettings;
 }
