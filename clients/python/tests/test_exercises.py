@@ -1,4 +1,4 @@
-"""What exercises ask of meshes beside verdicts: ranges and regions of lines, ground under entities; and how a server is."""
+"""What exercises ask of meshes beside verdicts: ranges and regions of lines, ground under entities; leases; and how a server is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,19 @@ import pytest
 from support import CELL_M, NX, NY, ORIGIN
 
 import sightline
-from sightline import AtEntity, AtPoint, Disc, Entity, Fidelity, Pose, Settings, SightLine, UnknownReason, Verdict
+from sightline import (
+    AtEntity,
+    AtPoint,
+    Disc,
+    Entity,
+    Fidelity,
+    Lease,
+    Pose,
+    Settings,
+    SightLine,
+    UnknownReason,
+    Verdict,
+)
 
 EYE = Pose.looking((200.0, 300.0, 400.0), (NX * CELL_M / 2, NY * CELL_M / 2, 0.0))
 
@@ -117,3 +129,38 @@ def test_a_status_counts(server: sightline.Client) -> None:
     assert now.serving and now.troubles == () and now.version and now.uptime_s >= before.uptime_s
     assert now.visible - before.visible == 10 and now.frames > before.frames
     assert now.limits["views"].used == before.limits["views"].used + 1 <= now.limits["views"].limit
+
+
+def test_leases_and_watches_of_verdicts(server: sightline.Client, exercise: str) -> None:
+    entities = [Entity(n, (n * 9, 20, 0.0), frame="grid", altitude="agl") for n in range(1, 7)]
+    lines = [SightLine(n, AtEntity(n, 2.0), AtEntity(n % 4 + 1, 2.0)) for n in range(1, 5)]
+    server.change_exercise(exercise, put_entities=entities[:4], put_lines=lines)
+    # Held before there is anything under it.
+    watch = server.watch_exercise(exercise, lease_owner="test")
+    assert next(watch).changed == {n: line.verdict for n, line in server.exercise(exercise).lines.items()}
+    brief = SightLine(70, AtEntity(5, 2.0), AtEntity(6, 2.0))
+    server.change_exercise(exercise, put_entities=entities[4:], put_lines=[brief], lease=Lease("test", 1))
+    assert list(next(watch).changed) == [70]
+    (lease,) = server.exercise(exercise).leases
+    assert (lease.owner, lease.streams, lease.entities, lease.sight_lines) == ("test", 1, 2, 1)
+    assert server.renew_lease(exercise, "test") == 1
+    server.change_exercise(exercise, remove_lines=[2])
+    assert next(watch).removed == (2,)
+    other = server.watch_exercise(exercise, lines=[70])
+    assert list(next(other).changed) == [70]
+    with server.view(EYE, Settings(triangles=300), exercise=exercise, lease_owner="test") as view:
+        view.frame()
+        assert server.exercise(exercise).leases[0].streams == 2
+    watch.close()
+    # Nothing holds the lease any more, and its term is a second.
+    end = next(other)
+    assert (end.removed, end.expired_owners) == ((70,), ("test",))
+    assert [entity.id for entity in server.exercise(exercise).entities] == [1, 2, 3, 4]
+    with pytest.raises(sightline.Refused) as refused:
+        server.renew_lease(exercise, "test")
+    assert refused.value.code == "NOT_FOUND"
+    server.create_exercise("brief", lease=Lease("test", 600))
+    assert server.exercise("brief").leases[0].holds_exercise
+    with pytest.raises(sightline.Refused, match="has ended"):
+        for _ in server.watch_exercise("brief"):
+            server.delete_exercise("brief")

@@ -36,6 +36,8 @@ from .types import (
     GroundState,
     Heights,
     Horizon,
+    Lease,
+    LeaseState,
     LimitUse,
     LineOfSight,
     LinesOfSight,
@@ -51,6 +53,7 @@ from .types import (
     Terrain,
     UnknownReason,
     Verdict,
+    VerdictNews,
     Viewshed,
 )
 from .verdict import verdict_on_mesh
@@ -73,6 +76,8 @@ __all__ = [
     "GroundState",
     "Heights",
     "Horizon",
+    "Lease",
+    "LeaseState",
     "LimitUse",
     "LineOfSight",
     "LineState",
@@ -99,6 +104,7 @@ __all__ = [
     "Terrain",
     "UnknownReason",
     "Verdict",
+    "VerdictNews",
     "View",
     "Viewshed",
     "Watch",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import weakref
-from collections.abc import AsyncIterable, AsyncIterator, Awaitable, Iterable
+from collections.abc import AsyncGenerator, AsyncIterable, AsyncIterator, Awaitable, Iterable
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -31,6 +31,7 @@ from .types import (
     Frame,
     Heights,
     Horizon,
+    Lease,
     LineOfSight,
     LinesOfSight,
     Point,
@@ -40,6 +41,7 @@ from .types import (
     SightLine,
     Status,
     Terrain,
+    VerdictNews,
     Verdicts,
     Viewshed,
 )
@@ -364,9 +366,9 @@ class Client:
 
     # --- exercises
 
-    async def create_exercise(self, name: str) -> None:
-        """Makes an exercise, at epoch 0."""
-        request = exercise_pb2.CreateExerciseRequest(name=name)
+    async def create_exercise(self, name: str, *, lease: Lease | None = None) -> None:
+        """Makes an exercise, at epoch 0; it goes when the `lease` has run out."""
+        request = exercise_pb2.CreateExerciseRequest(name=name, lease=convert.lease(lease))
         await self._one(self._exercises.CreateExercise(request, **self._call()))
 
     async def exercises(self) -> list[ExerciseSummary]:
@@ -388,14 +390,16 @@ class Client:
         put_lines: Iterable[SightLine] = (),
         remove_entities: Iterable[int] = (),
         remove_lines: Iterable[int] = (),
+        lease: Lease | None = None,
     ) -> int:
-        """Changes an exercise, all of it in one epoch or nothing; returns the epoch."""
+        """Changes an exercise, all of it in one epoch or nothing; returns the epoch. What is put goes with the `lease`."""
         request = exercise_pb2.ChangeExerciseRequest(
             name=name,
             remove_entities=remove_entities,
             remove_sight_lines=remove_lines,
             put_entities=map(convert.entity, put_entities),
             put_sight_lines=map(convert.sight_line, put_lines),
+            lease=convert.lease(lease),
         )
         return int((await self._one(self._exercises.ChangeExercise(request, **self._call()))).epoch)
 
@@ -404,17 +408,52 @@ class Client:
         request = exercise_pb2.DeleteExerciseRequest(name=name)
         await self._one(self._exercises.DeleteExercise(request, **self._call()))
 
+    async def renew_lease(self, name: str, owner: str) -> int:
+        """Gives the lease of `owner` in an exercise its full term again; returns that in seconds.
+
+        Raises :class:`Refused`, ``NOT_FOUND``, when it has run out or nothing is under it.
+        """
+        request = exercise_pb2.RenewLeaseRequest(name=name, owner=owner)
+        return int((await self._one(self._exercises.RenewLease(request, **self._call()))).term_s)
+
+    async def watch_exercise(
+        self, name: str, *, lines: Iterable[int] = (), lease_owner: str = ""
+    ) -> AsyncGenerator[VerdictNews, None]:
+        """The verdicts of an exercise as they change: all of them at first, then those that are others than before.
+
+        Who reads slowly is told the newest state. `lines` are those to watch (none: all); the lease of `lease_owner` does
+        not run meanwhile. Raises :class:`Refused`, ``NOT_FOUND``, when the exercise has ended.
+        """
+        request = exercise_pb2.WatchExerciseRequest(name=name, sight_lines=lines, lease_owner=lease_owner)
+        call = self._exercises.WatchExercise(request, **self._call() | {"timeout": None})
+        try:
+            async for news in call:
+                yield convert.verdict_news(news)
+        except grpc.RpcError as error:
+            raise translated(error, self.address) from None
+        finally:
+            call.cancel()
+
     # --- views
 
     async def view(
-        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+        self,
+        pose: Pose,
+        settings: Settings | None = None,
+        *,
+        exercise: str = "",
+        pace: Pace | None = None,
+        lease_owner: str = "",
     ) -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone) on a stream of its own."""
+        """Opens a view of `exercise` (empty: of the terrain alone) on a stream of its own.
+
+        It holds the lease of `lease_owner` in that exercise while it is open.
+        """
 
         def opener(wish: scene_pb2.OpenView) -> Awaitable[StreamLink]:
             return StreamLink.open(self, wish)
 
-        return await self._opened(View(self, opener, pose, settings or Settings(), exercise, pace))
+        return await self._opened(View(self, opener, pose, settings or Settings(), exercise, pace, lease_owner))
 
     def watch(self) -> Watch:
         """One stream for any number of views (:meth:`Watch.view`); it begins with the first."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import functools
 import threading
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator, Iterable, Iterator
 from types import TracebackType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -19,7 +19,7 @@ from . import aio
 from .camera import Pace, Pose, Settings
 from .errors import Refused
 from .scene import Scene
-from .types import Altitude, Frame, LinesOfSight, Precision
+from .types import Altitude, Frame, LinesOfSight, Precision, VerdictNews
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -51,6 +51,10 @@ class _Loop:
             future.cancel()  # an interrupt from the keyboard; without effect on a future that is done
             raise
 
+    def start(self, coroutine: Coroutine[Any, Any, None]) -> None:
+        """Runs it without waiting."""
+        asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+
 
 def _unless_grpc_polls(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     # Where a program has a loop of its own, too, grpc may find its wake-up already read by the other: harmless.
@@ -72,6 +76,10 @@ def _view(method: Callable[Concatenate[aio.View, P], Coroutine[Any, Any, R]]) ->
         return self._loop.run(method(self._view, *args, **kwargs))
 
     return call
+
+
+async def _closed(watch: AsyncGenerator[Any, None]) -> None:
+    await watch.aclose()
 
 
 def connect(
@@ -109,6 +117,26 @@ class Client:
     exercise = _client(aio.Client.exercise)
     change_exercise = _client(aio.Client.change_exercise)
     delete_exercise = _client(aio.Client.delete_exercise)
+    renew_lease = _client(aio.Client.renew_lease)
+
+    def watch_exercise(
+        self, name: str, *, lines: Iterable[int] = (), lease_owner: str = ""
+    ) -> Generator[VerdictNews, None, None]:
+        """The verdicts of an exercise as they change: see :meth:`sightline.aio.Client.watch_exercise`.
+
+        Closing the generator ends the watch.
+        """
+        watch = self._client.watch_exercise(name, lines=lines, lease_owner=lease_owner)
+
+        async def following() -> VerdictNews | None:
+            return await anext(watch, None)
+
+        try:
+            while (news := self._loop.run(following())) is not None:
+                yield news
+        finally:
+            # Perhaps by the garbage collector, which runs in any thread, that of the loop included.
+            self._loop.start(_closed(watch))
 
     def stream_lines_of_sight(
         self,
@@ -134,10 +162,17 @@ class Client:
             yield answer
 
     def view(
-        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+        self,
+        pose: Pose,
+        settings: Settings | None = None,
+        *,
+        exercise: str = "",
+        pace: Pace | None = None,
+        lease_owner: str = "",
     ) -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone) on a stream of its own."""
-        return View(self._loop, self._loop.run(self._client.view(pose, settings, exercise=exercise, pace=pace)))
+        """Opens a view on a stream of its own: see :meth:`sightline.aio.Client.view`."""
+        opening = self._client.view(pose, settings, exercise=exercise, pace=pace, lease_owner=lease_owner)
+        return View(self._loop, self._loop.run(opening))
 
     def watch(self) -> Watch:
         """One stream for any number of views (:meth:`Watch.view`); it begins with the first."""
@@ -162,10 +197,17 @@ class Watch:
         self._watch = watch
 
     def view(
-        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+        self,
+        pose: Pose,
+        settings: Settings | None = None,
+        *,
+        exercise: str = "",
+        pace: Pace | None = None,
+        lease_owner: str = "",
     ) -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone) on this watch."""
-        return View(self._loop, self._loop.run(self._watch.view(pose, settings, exercise=exercise, pace=pace)))
+        """Opens a view on this watch: see :meth:`sightline.aio.Client.view`."""
+        opening = self._watch.view(pose, settings, exercise=exercise, pace=pace, lease_owner=lease_owner)
+        return View(self._loop, self._loop.run(opening))
 
     def close(self) -> None:
         """Ends the stream and its views. What these have received stays readable."""

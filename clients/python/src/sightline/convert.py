@@ -25,6 +25,8 @@ from .types import (
     GroundState,
     Heights,
     Horizon,
+    Lease,
+    LeaseState,
     LimitUse,
     LineOfSight,
     LinesOfSight,
@@ -43,6 +45,7 @@ from .types import (
     Terrain,
     UnknownReason,
     Verdict,
+    VerdictNews,
     Verdicts,
     Viewshed,
 )
@@ -419,4 +422,19 @@ def exercise(name: str, wire: exercise_wire.GetExerciseResponse) -> Exercise:
         )
         for e in wire.entities
     )
-    return Exercise(name, wire.epoch, entities, {s.id: stated_line(s) for s in wire.sight_lines})
+    leases = tuple(
+        LeaseState(e.owner, e.term_s, e.remaining_s, e.streams, e.holds_exercise, e.entities, e.sight_lines)
+        for e in wire.leases
+    )
+    return Exercise(name, wire.epoch, entities, {s.id: stated_line(s) for s in wire.sight_lines}, leases)
+
+
+def lease(given: Lease | None) -> exercise_wire.Lease | None:
+    """A lease, or none."""
+    return exercise_wire.Lease(owner=given.owner, term_s=given.term_s) if given else None
+
+
+def verdict_news(wire: exercise_wire.WatchExerciseResponse) -> VerdictNews:
+    """What is new of verdicts."""
+    changed = {line.id: _verdict(line.verdict) for line in wire.changed}
+    return VerdictNews(wire.epoch, changed, tuple(wire.removed), tuple(wire.expired_owners))

@@ -357,6 +357,45 @@ class StatedLine:
 
 
 @dataclass(frozen=True, slots=True)
+class Lease:
+    """For how long something stays in an exercise although nothing is heard of its owner."""
+
+    owner: str
+    """A name of the client's choice: 1 to 64 letters, digits, '-', '_' or '.'."""
+    term_s: int
+    """Its term in seconds, from 1 to 604,800."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseState:
+    """A lease as it stands, and what is under it."""
+
+    owner: str
+    term_s: int
+    remaining_s: float
+    """Seconds until it runs out; its full term while streams hold it."""
+    streams: int
+    """Open views and watches that hold it."""
+    holds_exercise: bool
+    """Whether the exercise itself is under it."""
+    entities: int
+    sight_lines: int
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictNews:
+    """What is new of an exercise's verdicts at an epoch."""
+
+    epoch: int
+    changed: dict[int, Verdict]
+    """Of sight lines that are new, or whose verdict or its reason is another, by id."""
+    removed: tuple[int, ...]
+    """Sight lines that are gone."""
+    expired_owners: tuple[str, ...]
+    """Owners whose leases ran out."""
+
+
+@dataclass(frozen=True, slots=True)
 class Exercise:
     """One running simulation at one epoch."""
 
@@ -365,6 +404,8 @@ class Exercise:
     entities: tuple[Entity, ...]
     lines: dict[int, StatedLine]
     """By id."""
+    leases: tuple[LeaseState, ...] = ()
+    """In the order in which they were given."""
 
 
 @dataclass(frozen=True, slots=True)

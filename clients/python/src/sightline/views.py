@@ -29,9 +29,16 @@ class View:
     """
 
     def __init__(
-        self, client: Client, opener: Opener, pose: Pose, settings: Settings, exercise: str, pace: Pace | None
+        self,
+        client: Client,
+        opener: Opener,
+        pose: Pose,
+        settings: Settings,
+        exercise: str,
+        pace: Pace | None,
+        lease_owner: str,
     ) -> None:
-        self._client, self._opener = client, opener
+        self._client, self._opener, self._lease_owner = client, opener, lease_owner
         self._pose, self._settings, self._exercise, self._pace = pose, settings, exercise, pace
         self._link: Link | None = None
         self._reading: asyncio.Task[Any] | None = None
@@ -49,7 +56,10 @@ class View:
         return self._scene
 
     async def _open(self) -> None:
-        wish = scene_pb2.OpenView(exercise=self._exercise, settings=self._settings.to_wire(), pose=self._pose.to_wire())
+        settings, pose = self._settings.to_wire(), self._pose.to_wire()
+        wish = scene_pb2.OpenView(
+            exercise=self._exercise, settings=settings, pose=pose, lease_owner=self._lease_owner
+        )
         if self._pace is not None:
             wish.pace.CopyFrom(self._pace.to_wire())
         link: Link | None = None
@@ -219,10 +229,17 @@ class Watch:
         return await self._stream.open(wish)
 
     async def view(
-        self, pose: Pose, settings: Settings | None = None, *, exercise: str = "", pace: Pace | None = None
+        self,
+        pose: Pose,
+        settings: Settings | None = None,
+        *,
+        exercise: str = "",
+        pace: Pace | None = None,
+        lease_owner: str = "",
     ) -> View:
-        """Opens a view of `exercise` (empty: of the terrain alone) on this watch."""
-        return await self._client._opened(View(self._client, self._open, pose, settings or Settings(), exercise, pace))
+        """Opens a view on this watch: see :meth:`Client.view`."""
+        view = View(self._client, self._open, pose, settings or Settings(), exercise, pace, lease_owner)
+        return await self._client._opened(view)
 
     async def close(self) -> None:
         """Ends the stream and its views. What these have received stays readable."""
