@@ -19,6 +19,7 @@ use std::{
 
 use sightline_proto::{
     diamond::Post,
+    mesh::Mesh,
     replica::{MeshError as ReplicaError, Replica, TerrainError},
     v1::{self, stream_scene_response::Response},
 };
@@ -118,9 +119,7 @@ pub struct View<T: Terrain> {
     frame_time: Option<FrameTime>,
     frame_due: bool,
     snapshot_due: bool,
-    /// The mesh of two triangles that all others start from.
-    coarsest: Replica,
-    /// The mesh of the last frame sent.
+    /// The mesh of the last frame sent; before the first, that of two triangles.
     sent: Replica,
     unsatisfied: BTreeSet<u64>,
     off_ground: BTreeSet<u64>,
@@ -140,7 +139,7 @@ impl<T: Terrain> View<T> {
         pose: Pose,
         exercise: Option<Arc<Exercise>>,
     ) -> Result<Self, OpenError> {
-        let coarsest = Replica::new(description)?;
+        let sent = Replica::new(description)?;
         let camera = settings.camera(&pose)?;
         let mut mesh = ViewMesh::new(Arc::clone(&terrain), scale)?;
         mesh.set_options(settings.options());
@@ -154,8 +153,7 @@ impl<T: Terrain> View<T> {
             frame_time,
             frame_due: true,
             snapshot_due: true,
-            sent: coarsest.clone(),
-            coarsest,
+            sent,
             unsatisfied: BTreeSet::new(),
             off_ground: BTreeSet::new(),
             acknowledged: 0,
@@ -236,9 +234,10 @@ impl<T: Terrain> View<T> {
         let budget = self.frame_time.map(|control| Target::TriangleBudget(control.budget()));
         let target = budget.unwrap_or(self.wanted.settings.target);
         let report = self.mesh.update(&self.wanted.camera, target, &required)?;
-        let sequence = self.sent.sequence() + 1;
-        let mesh = self.coarsest.with_posts(integer_posts(&self.mesh)?, sequence)?;
-        let base = (!self.snapshot_due).then_some(&self.sent);
+        let (base_sequence, sequence) = (self.sent.sequence(), self.sent.sequence() + 1);
+        let delta = self.sent.advance(&report.removed, &integer_posts(&self.mesh, &report.added)?, sequence)?;
+        let (base_sequence, mesh) =
+            if self.snapshot_due { (0, self.sent.encode(None)) } else { (base_sequence, delta) };
         let unsatisfied: BTreeSet<u64> = report.unsatisfied.iter().copied().collect();
         let off_ground: BTreeSet<u64> = report.off_ground.iter().copied().collect();
         if self.snapshot_due {
@@ -248,13 +247,13 @@ impl<T: Terrain> View<T> {
         let now_unsatisfied = report.unsatisfied.iter().zip(&report.lacking).filter(newly).map(unsatisfied_line);
         let frame = v1::Frame {
             sequence,
-            base_sequence: base.map_or(0, Replica::sequence),
+            base_sequence,
             pose_sequence: self.wanted.pose_sequence,
             epoch: self.wanted.exercise.as_ref().map_or(0, |exercise| exercise.epoch()),
-            mesh: mesh.encode(base),
-            triangle_count: mesh.triangle_count(),
+            mesh,
+            triangle_count: self.sent.triangle_count(),
             distortion_bound_px: report.bound_px,
-            mesh_hash: mesh.hash(),
+            mesh_hash: self.sent.hash(),
             now_unsatisfied: now_unsatisfied.collect(),
             no_longer_unsatisfied: self.unsatisfied.difference(&unsatisfied).copied().collect(),
             now_off_ground: off_ground.difference(&self.off_ground).copied().collect(),
@@ -263,7 +262,7 @@ impl<T: Terrain> View<T> {
             held_back_ms: 0,
         };
         let update = self.exercise_update();
-        (self.sent, self.unsatisfied, self.off_ground) = (mesh, unsatisfied, off_ground);
+        (self.unsatisfied, self.off_ground) = (unsatisfied, off_ground);
         (self.frame_due, self.snapshot_due) = (false, false);
         Ok(update.map(Response::Exercise).into_iter().chain([Response::Frame(frame)]).collect())
     }
@@ -338,14 +337,15 @@ pub enum OpenError {
     Read(#[from] ReadError),
 }
 
-/// The active posts with the heights that a frame carries.
-fn integer_posts<T: Terrain>(mesh: &ViewMesh<T>) -> Result<Vec<(Post, i32)>, FrameError> {
-    let exact = |(post, height): (Post, f64)| {
+/// Active posts with the heights that a frame carries.
+fn integer_posts<T: Terrain>(mesh: &ViewMesh<T>, posts: &[Post]) -> Result<Vec<(Post, i32)>, FrameError> {
+    let exact = |&post: &Post| {
+        let height = mesh.height(post).unwrap_or(f64::NAN);
         // Saturates and rounds; what does not come back was no integer of 32 bits.
         let integer = height as i32;
         if f64::from(integer) == height { Ok((post, integer)) } else { Err(FrameError::Height { post, height }) }
     };
-    mesh.active_posts().into_iter().map(exact).collect()
+    posts.iter().map(exact).collect()
 }
 
 fn unsatisfied_line((&id, &lacking_triangles): (&u64, &u32)) -> v1::UnsatisfiedLine {

@@ -392,9 +392,10 @@ proptest! {
                     continue;
                 }
                 prop_assert_eq!(client.apply(&message(&response)).unwrap(), scene::Event::Frame);
-                let mesh = integer_posts(&view.mesh).unwrap();
-                let corners = view.coarsest.posts();
-                let mut expected: Vec<_> = mesh.into_iter().chain(corners).collect();
+                let root = view.mesh.root();
+                let active: Vec<Post> = view.mesh.active_posts().into_iter().map(|(post, _)| post).collect();
+                let mesh = integer_posts(&view.mesh, &[active, root.corners().to_vec()].concat());
+                let mut expected: Vec<_> = mesh.unwrap();
                 expected.sort_unstable();
                 prop_assert_eq!(client.replica().posts(), expected);
                 prop_assert_eq!(client.replica().hash(), view.sent().hash());
