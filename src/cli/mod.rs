@@ -25,6 +25,7 @@ mod pictures;
 mod plot;
 mod profile;
 mod progress;
+mod replay;
 mod serve;
 mod status;
 mod table;
@@ -77,6 +78,7 @@ enum Verb {
     Matrix(matrix::Args),
     Serve(serve::Args),
     Status(status::Args),
+    Replay(replay::Args),
     View(view::Args),
     Consistency(consistency::Args),
     Demo(demo::Args),
@@ -156,6 +158,7 @@ impl Verb {
             Self::Matrix(args) => args.run(context),
             Self::Serve(args) => args.run(context),
             Self::Status(args) => args.run(context),
+            Self::Replay(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),
             Self::Demo(args) => args.run(context),

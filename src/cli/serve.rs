@@ -15,7 +15,7 @@ use super::{Context, Failure, info};
 use crate::{
     database::Database,
     service::{
-        self, Options, ServedTerrain, Tls, Tokens,
+        self, Options, Recording, ServedTerrain, Tls, Tokens,
         config::{Config, LogLayout},
     },
     store::{DiskStore, ExerciseStore},
@@ -40,6 +40,12 @@ pub(super) struct Args {
     /// Keep exercises in this file, so that they are there when the server is started anew; made when there is none.
     #[arg(long, value_name = "F")]
     state: Option<String>,
+    /// Record all that happens to views in this new file, so that `sightline replay` can make every frame anew.
+    #[arg(long, value_name = "F")]
+    record: Option<String>,
+    /// Greatest size of that file in MiB; then the recording ends, and the server goes on [default: 1024].
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
+    record_limit: Option<u32>,
     /// Print all settings as they are, in the form of such a file, and stop.
     #[arg(long)]
     print_config: bool,
@@ -60,6 +66,10 @@ impl Args {
         if let Some(state) = &self.state {
             config.state.clone_from(state);
         }
+        if let Some(record) = &self.record {
+            config.record.clone_from(record);
+        }
+        config.record_limit_mib = self.record_limit.unwrap_or(config.record_limit_mib);
         Ok(config)
     }
 
@@ -76,6 +86,9 @@ impl Args {
         let database = Arc::new(info::open(path)?);
         if !config.state.is_empty() {
             options.store = Box::new(store(Path::new(&config.state), &database)?);
+        }
+        if !config.record.is_empty() {
+            options.recording = Some(recording(Path::new(&config.record), config.record_limit_mib)?);
         }
         let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
         let runtime = runtime.map_err(|error| Failure::environment("starting threads", error))?;
@@ -103,6 +116,17 @@ fn store(path: &Path, database: &Database) -> Result<DiskStore, Failure> {
     let kept = store.list().map_err(|error| Failure::Input(error.to_string()))?;
     tracing::info!(file = %path.display(), exercises = kept.len(), "exercises are kept");
     Ok(store)
+}
+
+/// A recording in a new file: one that exists is never written over, nor appended to.
+fn recording(path: &Path, limit_mib: u32) -> Result<Recording, Failure> {
+    let opened = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
+    let sink = opened.map_err(|error| match error.kind() {
+        ErrorKind::AlreadyExists => Failure::Environment(format!("{} exists: record to a new file", path.display())),
+        _ => Failure::environment(format_args!("recording to {}", path.display()), error),
+    })?;
+    tracing::info!(file = %path.display(), limit_mib, "recording");
+    Ok(Recording { sink: Box::new(sink), limit_bytes: u64::from(limit_mib) << 20 })
 }
 
 /// What the files of the settings hold.

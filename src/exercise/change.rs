@@ -8,6 +8,7 @@ use std::{
 };
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{
@@ -21,7 +22,7 @@ use crate::{
 };
 
 /// What is to change. Removals are done first; then entities, then sight lines are added or replaced.
-#[derive(Clone, PartialEq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Change {
     /// Entities to remove.
     pub remove_entities: Vec<u64>,
@@ -31,7 +32,9 @@ pub struct Change {
     pub put_entities: Vec<Entity>,
     /// Sight lines to add or replace.
     pub put_sight_lines: Vec<SightLine>,
-    /// What is put is under this lease from now on, or under none.
+    /// What is put is under this lease from now on, or under none. A record of a change does without: nothing in a frame
+    /// follows from it.
+    #[serde(skip)]
     pub lease: Option<Lease>,
 }
 

@@ -207,6 +207,32 @@ impl Exercise {
         Some(self)
     }
 
+    /// The exercise without these things, one epoch on. No sight line that stays follows an entity that goes. Ids that are
+    /// not there, or there twice, are no matter.
+    pub fn without(&self, entities: &[u64], sight_lines: &[u64]) -> Self {
+        let mut next = self.clone();
+        next.epoch += 1;
+        for &id in sight_lines {
+            if let Some(gone) = next.lines.remove(&id) {
+                next.release(&gone.line);
+                next.leases.put(Thing::SightLine, id, None);
+            }
+        }
+        for &id in entities {
+            next.entities.remove(&id);
+            next.grounds.remove(&id);
+            next.leases.put(Thing::Entity, id, None);
+        }
+        next
+    }
+
+    /// The ids of the entities and of the sight lines that are here and not in `later`.
+    pub fn lost_in(&self, later: &Self) -> (Vec<u64>, Vec<u64>) {
+        let entities = self.entities.keys().filter(|id| !later.entities.contains_key(id));
+        let sight_lines = self.lines.keys().filter(|id| !later.lines.contains_key(id));
+        (entities.copied().collect(), sight_lines.copied().collect())
+    }
+
     /// The exercise without what was under the lease of `owner`, one epoch on: its sight lines, its entities, and the sight
     /// lines of others that follow these. `None` when the owner has no lease.
     pub fn expired(&self, owner: &str) -> Option<Self> {
@@ -218,20 +244,7 @@ impl Exercise {
         for &entity in &entities {
             lines.extend(self.anchored.range((entity, 0)..=(entity, u64::MAX)).map(|(_, line)| *line));
         }
-        let mut next = self.clone();
-        next.epoch += 1;
-        for id in lines {
-            // One that follows two such entities is there only once.
-            if let Some(gone) = next.lines.remove(&id) {
-                next.release(&gone.line);
-                next.leases.put(Thing::SightLine, id, None);
-            }
-        }
-        for id in entities {
-            next.entities.remove(&id);
-            next.grounds.remove(&id);
-            next.leases.put(Thing::Entity, id, None);
-        }
+        let mut next = self.without(&entities, &lines);
         next.leases.granted.remove(&number);
         next.leases.settle().ok()?;
         let forgotten = (next.expirations.len() + 1).saturating_sub(MAX_EXPIRATIONS);

@@ -22,6 +22,10 @@ pub struct Config {
     pub draining_s: f64,
     /// File that keeps exercises across restarts, made when there is none; empty: they end with the server.
     pub state: String,
+    /// New file for a recording of all that happens to views, for `sightline replay`; empty: none.
+    pub record: String,
+    /// Greatest size of the recording in MiB. When it is reached the recording ends, and the server goes on.
+    pub record_limit_mib: u32,
     /// Layout of the log: `text` or `json`.
     pub log: LogLayout,
     /// Certificates.
@@ -69,6 +73,8 @@ impl Default for Config {
             listen: "127.0.0.1:7410".into(),
             draining_s: 5.0,
             state: String::new(),
+            record: String::new(),
+            record_limit_mib: 1_024,
             log: LogLayout::default(),
             tls: TlsFiles::default(),
             access: AccessFiles::default(),
@@ -100,6 +106,9 @@ impl Config {
         self.limits.check()?;
         if !(0.0..=3_600.0).contains(&self.draining_s) {
             return Err(format!("draining_s is {}; it must be from 0 to 3600", self.draining_s));
+        }
+        if self.record_limit_mib == 0 {
+            return Err("record_limit_mib is 0: nothing could be recorded; an empty `record` records nothing".into());
         }
         if self.tls.certificate.is_empty() != self.tls.key.is_empty() {
             return Err("tls.certificate and tls.key belong together: give both or neither".into());
@@ -170,6 +179,7 @@ mod tests {
             ("draining_s = 1e9\n", &[], "draining_s"),
             ("[tls]\nkey = \"k\"\n", &[], "belong together"),
             ("[tls]\nclient_authorities = \"k\"\n", &[], "needs tls.certificate"),
+            ("record_limit_mib = 0\n", &[], "record_limit_mib"),
             ("log = \"xml\"\n", &[], "xml"),
         ] {
             let error = read(text, environment).unwrap_err();

@@ -8,6 +8,7 @@ use tonic::{Request, Response, Status};
 use super::{ServedTerrain, Service, Shared, access::Caller, convert, limits::limited, status::IntoStatus, verdicts};
 use crate::{
     exercise::{Change, Exercise, Lease},
+    session::journal::Entry,
     store::{StoreError, Stored},
 };
 
@@ -28,7 +29,11 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
         }
         let _turn = self.0.changing.lock().await;
         let shared = Arc::clone(&self.0);
-        let stored = self.0.run(move || shared.written(shared.store.create(exercise))).await?;
+        let create = move || {
+            let name = exercise.name().to_owned();
+            shared.written(shared.keep(|| Entry::Created { name }, || shared.store.create(exercise)))
+        };
+        let stored = self.0.run(create).await?;
         self.renew(stored.map_err(IntoStatus::into_status)?.created, lease.as_ref());
         Ok(Response::new(v1::CreateExerciseResponse {}))
     }
@@ -82,7 +87,10 @@ impl<T: ServedTerrain> ExerciseService for Service<T> {
     ) -> Result<Response<v1::DeleteExerciseResponse>, Status> {
         let (shared, name) = (Arc::clone(&self.0), request.into_inner().name);
         let _turn = self.0.changing.lock().await;
-        self.0.run(move || shared.written(shared.store.delete(&name))).await?.map_err(IntoStatus::into_status)?;
+        let delete = move || {
+            shared.written(shared.keep(|| Entry::Deleted { name: name.clone() }, || shared.store.delete(&name)))
+        };
+        self.0.run(delete).await?.map_err(IntoStatus::into_status)?;
         self.0.changes.send_modify(|n| *n += 1);
         Ok(Response::new(v1::DeleteExerciseResponse {}))
     }
@@ -133,7 +141,8 @@ fn changed<T: ServedTerrain>(shared: &Shared<T>, name: &str, change: &Change) ->
         if things > limit {
             return Err(limited("things_per_exercise", "entities and sight lines", things as u64, limit as u64));
         }
-        match shared.written(shared.store.replace(before.revision, after)) {
+        let what = || Entry::Changed { name: name.to_owned(), change: change.clone() };
+        match shared.written(shared.keep(what, || shared.store.replace(before.revision, after))) {
             Err(StoreError::Conflict(_)) => {}
             result => return result.map_err(IntoStatus::into_status),
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tonic::Status;
 
 use super::{ServedTerrain, Shared, leases::Hold, status::IntoStatus};
-use crate::{exercise::Exercise, store::Stored};
+use crate::{exercise::Exercise, session::journal::Tape, store::Stored};
 
 /// An exercise as it was last seen.
 pub(super) struct Followed {
@@ -19,8 +19,16 @@ impl Followed {
         if name.is_empty() {
             return Ok(None);
         }
-        let (inner, key) = (Arc::clone(shared), name.to_owned());
-        let stored = shared.run(move || inner.store.get(&key)).await?.map_err(IntoStatus::into_status)?;
+        let (inner, name) = (Arc::clone(shared), name.to_owned());
+        shared.run(move || Self::get(&inner, &name)).await?
+    }
+
+    /// The same, for whoever may wait.
+    pub(super) fn get<T>(shared: &Shared<T>, name: &str) -> Result<Option<Self>, Status> {
+        if name.is_empty() {
+            return Ok(None);
+        }
+        let stored = shared.store.get(name).map_err(IntoStatus::into_status)?;
         Ok(Some(Self { name: name.to_owned(), stored }))
     }
 
@@ -29,9 +37,26 @@ impl Followed {
         &self.stored.exercise
     }
 
-    /// Looks again; whether it has moved on. An exercise that has ended ends who follows it.
-    pub(super) async fn look<T: ServedTerrain>(&mut self, shared: &Arc<Shared<T>>) -> Result<bool, Status> {
-        let now = match Self::find(shared, &self.name).await {
+    /// Looks again; whether it has moved on, which is recorded for a view. An exercise that has ended ends who follows it.
+    pub(super) async fn look<T: ServedTerrain>(
+        &mut self,
+        shared: &Arc<Shared<T>>,
+        tape: &mut Option<Tape>,
+    ) -> Result<bool, Status> {
+        let (inner, name, last) = (Arc::clone(shared), self.name.clone(), self.stored.revision);
+        let mut own = tape.take();
+        let look = move || {
+            let _order = inner.journal.as_ref().map(|journal| journal.order());
+            let now = Self::get(&inner, &name);
+            let has_moved = matches!(&now, Ok(Some(now)) if now.stored.revision != last);
+            if let Some(own) = own.as_mut().filter(|_| has_moved) {
+                own.follow();
+            }
+            (now, own)
+        };
+        let (now, own) = shared.run(look).await?;
+        *tape = own;
+        let now = match now {
             Err(status) if status.code() == tonic::Code::NotFound => None,
             found => found?.filter(|now| now.stored.created == self.stored.created),
         };

@@ -14,7 +14,10 @@ use std::{
 use tokio::time::interval;
 
 use super::{ServedTerrain, Shared, clock::Clock, health::LOOKING_TIME};
-use crate::store::{StoreError, Stored};
+use crate::{
+    session::journal,
+    store::{StoreError, Stored},
+};
 
 /// Exercises that ended with a lease and are remembered, to say so to whoever watched them.
 const MAX_ENDED: usize = 256;
@@ -214,12 +217,17 @@ fn execute<T: ServedTerrain>(shared: &Shared<T>, key: &Key, name: &str) -> Resul
     match granted {
         None => Ok(()),
         Some(granted) if granted.holds_exercise => {
-            shared.store.delete(name)?;
+            let deleted = || journal::Entry::Deleted { name: name.to_owned() };
+            shared.keep(deleted, || shared.store.delete(name))?;
             shared.leases.end(key);
             Ok(())
         }
         Some(_) => match exercise.expired(&key.1) {
-            Some(after) => shared.store.replace(revision, after).map(|_| ()),
+            Some(after) => {
+                let (entities, sight_lines) = exercise.lost_in(&after);
+                let expired = || journal::Entry::Expired { name: name.to_owned(), entities, sight_lines };
+                shared.keep(expired, || shared.store.replace(revision, after)).map(|_| ())
+            }
             None => Ok(()),
         },
     }

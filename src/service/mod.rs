@@ -50,7 +50,7 @@ pub use access::{MAX_TOKENS, MIN_SECRET_BYTES, Role, Token, Tokens};
 pub use clock::Clock;
 pub use health::MAX_QUEUE_AGE;
 pub use limits::Limits;
-pub use serve::{Options, ServeError, Tls, serve, serve_with};
+pub use serve::{Options, Recording, ServeError, Tls, serve, serve_with};
 
 use self::{
     health::Health,
@@ -64,7 +64,10 @@ use crate::{
     database::Database,
     exercise::Site,
     roam::Terrain,
-    session::{Details, describe},
+    session::{
+        Details, describe,
+        journal::{Entry, Journal},
+    },
     store::{ExerciseStore, StoreError},
     terrain::{HeightField, Posts, ReadError},
     wedgie::MemoryTerrain,
@@ -162,6 +165,8 @@ struct Shared<T> {
     site: Site,
     description: v1::TerrainDescription,
     store: Box<dyn ExerciseStore>,
+    /// Where what happens to views is written down, if it is.
+    journal: Option<Arc<Journal>>,
     /// Held while an exercise changes, so that verdicts are computed once and epochs follow each other.
     changing: Mutex<()>,
     /// Counts changes of exercises: views look again when it moves.
@@ -190,17 +195,20 @@ impl<T: ServedTerrain> Shared<T> {
         limits: Limits,
         tokens: Option<Tokens>,
         store: Box<dyn ExerciseStore>,
+        recording: Option<Recording>,
         clock: Clock,
         stopping: watch::Receiver<bool>,
     ) -> Result<Self, ReadError> {
         let (site, details) = (terrain.site(), terrain.details()?);
         let description = describe(&*terrain, &site, &details)?;
+        let journal = recording.map(|recording| Arc::new(recording.begin(&details.version, &*store)));
         let threads = thread::available_parallelism().map_or(2, usize::from);
         Ok(Self {
             terrain,
             site,
             description,
             store,
+            journal,
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
             turns: Turns::new(threads),
@@ -230,6 +238,15 @@ impl<T: ServedTerrain> Shared<T> {
             self.health.store(false);
         }
         result
+    }
+
+    /// Does something to an exercise of the store; if it went well, writes down what that was.
+    fn keep<R, E>(&self, what: impl FnOnce() -> Entry, act: impl FnOnce() -> Result<R, E>) -> Result<R, E> {
+        let Some(journal) = &self.journal else { return act() };
+        let _order = journal.order();
+        let done = act()?;
+        journal.append(what());
+        Ok(done)
     }
 
     /// What is wrong with the server.

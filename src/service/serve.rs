@@ -26,6 +26,7 @@ use super::{
     connections, health::LOOKING_TIME, leases, pages, stopped, viewer,
 };
 use crate::{
+    session::journal::{Journal, JournalEnd},
     store::{ExerciseStore, MemoryStore},
     terrain::ReadError,
 };
@@ -48,6 +49,29 @@ pub struct Tls {
     pub client_authorities: Option<Vec<u8>>,
 }
 
+/// Where and how far what happens is recorded, so that it can be replayed.
+pub struct Recording {
+    /// Gets the journal (`session::journal`), one record at a time.
+    pub sink: Box<dyn io::Write + Send>,
+    /// Greatest number of its bytes. When it is reached the recording ends, and the server goes on.
+    pub limit_bytes: u64,
+}
+
+impl Recording {
+    /// The journal, with the exercises that are there already.
+    pub(super) fn begin(self, terrain: &[u8], store: &dyn ExerciseStore) -> Journal {
+        let end = Box::new(|why: &JournalEnd| match why {
+            JournalEnd::Full(_) => tracing::warn!("{why}"),
+            JournalEnd::Failed(_) => tracing::error!("{why}"),
+        });
+        let journal = Journal::begin(self.sink, self.limit_bytes, terrain, end);
+        for stored in store.list().unwrap_or_default() {
+            journal.restored(&stored.exercise);
+        }
+        journal
+    }
+}
+
 /// How a server is run.
 pub struct Options {
     /// What it allows.
@@ -58,6 +82,8 @@ pub struct Options {
     pub tls: Option<Tls>,
     /// Where exercises are kept.
     pub store: Box<dyn ExerciseStore>,
+    /// Whether what happens is recorded.
+    pub recording: Option<Recording>,
     /// How long calls under way may take to end once the server is told to stop.
     pub draining_time: Duration,
     /// By which leases run out.
@@ -71,6 +97,7 @@ impl Default for Options {
             tokens: None,
             tls: None,
             store: Box::<MemoryStore>::default(),
+            recording: None,
             draining_time: DRAINING_TIME,
             clock: Clock::default(),
         }
@@ -114,10 +141,11 @@ pub async fn serve_with<T: ServedTerrain>(
     options: Options,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { limits, tokens, tls, store, draining_time, clock } = options;
+    let Options { limits, tokens, tls, store, recording, draining_time, clock } = options;
     let (stop, stopping) = watch::channel(false);
     let heard = stopping.clone();
-    let shared = tokio::task::spawn_blocking(move || Shared::new(terrain, limits, tokens, store, clock, heard));
+    let made = move || Shared::new(terrain, limits, tokens, store, recording, clock, heard);
+    let shared = tokio::task::spawn_blocking(made);
     let shared = Arc::new(shared.await.map_err(|error| io::Error::other(error.to_string()))??);
     let (reporter, routes) = routes(&shared)?;
     // Told before anybody can ask.
@@ -156,6 +184,9 @@ pub async fn serve_with<T: ServedTerrain>(
     };
     looking.abort();
     leasing.abort();
+    if let Some(journal) = &shared.journal {
+        journal.finish();
+    }
     Ok(result?)
 }
 

@@ -82,7 +82,7 @@ impl<T: ServedTerrain> Task<T> {
     async fn news(&mut self) -> Result<v1::WatchExerciseResponse, Status> {
         loop {
             self.changes.mark_unchanged();
-            self.followed.look(&self.shared).await?;
+            self.followed.look(&self.shared, &mut None).await?;
             let lost = || Status::internal(super::DEFECT);
             let (mut watch, exercise) = (self.watch.take().ok_or_else(lost)?, Arc::clone(self.followed.exercise()));
             let (watch, news) = self

@@ -19,10 +19,7 @@ use super::{
     ServedTerrain, Shared, access::Caller, admission::explained, followed::Followed, leases::Hold, limits::Seat,
     status::IntoStatus, stopped,
 };
-use crate::{
-    exercise::Exercise,
-    session::{Event, Pacer, Pose, Settings, SettingsError, View},
-};
+use crate::session::{Event, Pacer, Pose, Settings, SettingsError, View, journal::Tape};
 
 /// Messages of a client that are taken in a row before a frame gets its turn.
 const MAX_MESSAGES_IN_A_ROW: u32 = 64;
@@ -45,14 +42,14 @@ pub(super) async fn open<T: ServedTerrain>(
     // Opened here holds one message, the view's task the next: hand-over is one deep.
     let (outbox, said) = mpsc::channel(1);
     let changes = shared.changes.subscribe();
-    let followed = Followed::find(shared, &open.exercise).await?;
-    let hold = followed.as_ref().and_then(|followed| followed.hold(shared, &open.lease_owner));
-    let view = make(shared, &open, followed.as_ref().map(|f| Arc::clone(f.exercise()))).await?;
+    let (inner, exercise) = (Arc::clone(shared), open.exercise.clone());
+    let Beginning { view, followed, hold, tape } = shared.run(move || make(&inner, &open)).await??;
     let opened = v1::ViewOpened { terrain: Some(shared.description.clone()) };
     let _ = outbox.try_send(Ok(word(Word::Opened(opened))));
     let task = ViewTask {
         shared: Arc::clone(shared),
         view: Some(view),
+        tape,
         followed,
         changes,
         inbox,
@@ -64,7 +61,7 @@ pub(super) async fn open<T: ServedTerrain>(
         due_since_ms: None,
         unsatisfied: 0,
     };
-    tracing::info!(exercise = open.exercise, client = &*caller.name, "view opened");
+    tracing::info!(exercise, client = &*caller.name, "view opened");
     tokio::spawn(task.run().in_current_span());
     Ok(said)
 }
@@ -79,30 +76,53 @@ fn budget(settings: Option<&v1::ViewSettings>) -> u32 {
     }
 }
 
+/// The messages of a frame that was held back for so long.
+fn finished(mut words: Vec<Word>, held_back_ms: u32) -> Vec<v1::StreamSceneResponse> {
+    for word in &mut words {
+        if let Word::Frame(frame) = word {
+            frame.held_back_ms = held_back_ms;
+        }
+    }
+    words.into_iter().map(word).collect()
+}
+
 fn word(response: Word) -> v1::StreamSceneResponse {
     v1::StreamSceneResponse { response: Some(response) }
 }
 
-async fn make<T: ServedTerrain>(
-    shared: &Arc<Shared<T>>,
-    open: &v1::OpenView,
-    exercise: Option<Arc<Exercise>>,
-) -> Result<View<T>, Status> {
+/// What a view begins with.
+struct Beginning<T: ServedTerrain> {
+    view: View<T>,
+    /// Its exercise as it is now.
+    followed: Option<Followed>,
+    hold: Option<Hold>,
+    /// Its record, if there is one.
+    tape: Option<Tape>,
+}
+
+fn make<T: ServedTerrain>(shared: &Shared<T>, open: &v1::OpenView) -> Result<Beginning<T>, Status> {
     let missing = |what| SettingsError::Missing(what).into_status();
     let settings = open.settings.as_ref().ok_or_else(|| missing("settings"))?;
     let pose = open.pose.as_ref().ok_or_else(|| missing("pose"))?;
     let settings = Settings::from_wire(settings).map_err(IntoStatus::into_status)?;
     let pose = Pose::from_wire(pose).map_err(IntoStatus::into_status)?;
-    let inner = Arc::clone(shared);
-    let view =
-        move || View::open(Arc::clone(&inner.terrain), inner.site.scale, &inner.description, settings, pose, exercise);
-    shared.run(view).await?.map_err(IntoStatus::into_status)
+    let journal = shared.journal.as_ref();
+    let _order = journal.map(|journal| journal.order());
+    let followed = Followed::get(shared, &open.exercise)?;
+    let hold = followed.as_ref().and_then(|followed| followed.hold(shared, &open.lease_owner));
+    let exercise = followed.as_ref().map(|followed| Arc::clone(followed.exercise()));
+    let (terrain, scale) = (Arc::clone(&shared.terrain), shared.site.scale);
+    let view = View::open(terrain, scale, &shared.description, settings, pose, exercise);
+    let view = view.map_err(IntoStatus::into_status)?;
+    Ok(Beginning { view, followed, hold, tape: journal.map(|journal| journal.open(open)) })
 }
 
 struct ViewTask<T: ServedTerrain> {
     shared: Arc<Shared<T>>,
     /// Absent while a frame is being made.
     view: Option<View<T>>,
+    /// Likewise, and where nothing is recorded.
+    tape: Option<Tape>,
     followed: Option<Followed>,
     changes: watch::Receiver<u64>,
     inbox: Inbox,
@@ -181,6 +201,7 @@ impl<T: ServedTerrain> ViewTask<T> {
     }
 
     fn hear(&mut self, message: v1::StreamSceneRequest) -> Result<(), Status> {
+        let kept = self.tape.as_ref().map(|_| message.clone());
         let event = match message.request {
             Some(Wish::Steer(steer)) => Event::Steer(steer),
             Some(Wish::Snapshot(request)) => Event::Snapshot(request),
@@ -195,12 +216,16 @@ impl<T: ServedTerrain> ViewTask<T> {
                 self.seat.resize(budget(steer.settings.as_ref()))?;
             }
         }
-        self.tell(event)
+        self.tell(event)?;
+        if let (Some(tape), Some(message)) = (&mut self.tape, kept) {
+            tape.hear(&message);
+        }
+        Ok(())
     }
 
     async fn follow(&mut self) -> Result<(), Status> {
         let Some(followed) = &mut self.followed else { return Ok(()) };
-        if followed.look(&self.shared).await? {
+        if followed.look(&self.shared, &mut self.tape).await? {
             let exercise = Arc::clone(followed.exercise());
             self.tell(Event::Exercise(exercise))?;
         }
@@ -219,23 +244,24 @@ impl<T: ServedTerrain> ViewTask<T> {
     ) -> Result<(), Status> {
         let mut view = self.view.take().ok_or_else(|| Status::internal("a view was lost in a defect"))?;
         let (due_since_ms, free_ms) = (self.due_since_ms.take(), self.pacer.free_ms());
-        let (view, words, took) = self
-            .shared
-            .run(move || {
-                let began = Instant::now();
-                let words = view.produce();
-                (view, words, began.elapsed())
-            })
-            .await?;
-        self.view = Some(view);
-        let mut words = words.map_err(IntoStatus::into_status)?;
         let held_back_ms = due_since_ms.map_or(0.0, |since| (free_ms - since).max(0.0)).ceil() as u32;
-        for frame in words.iter_mut().filter_map(|word| if let Word::Frame(frame) = word { Some(frame) } else { None })
-        {
-            frame.held_back_ms = held_back_ms;
-            self.count(frame);
+        let mut tape = self.tape.take();
+        let work = move || {
+            let began = Instant::now();
+            let words = view.produce().map(|words| finished(words, held_back_ms));
+            if let (Some(tape), Ok(words)) = (&mut tape, &words) {
+                tape.make(words);
+            }
+            (view, tape, words, began.elapsed())
+        };
+        let (view, tape, words, took) = self.shared.run(work).await?;
+        (self.view, self.tape) = (Some(view), tape);
+        let words = words.map_err(IntoStatus::into_status)?;
+        for word in &words {
+            if let Some(Word::Frame(frame)) = &word.response {
+                self.count(frame);
+            }
         }
-        let words: Vec<_> = words.into_iter().map(word).collect();
         let bytes = words.iter().map(Message::encoded_len).sum();
         self.pacer.sent(self.now_ms(), bytes);
         self.shared.metrics.frame(bytes, took, held_back_ms > 0);

@@ -6,7 +6,11 @@
 
 mod describe;
 mod frame_time;
+pub mod journal;
+#[cfg(test)]
+mod journal_tests;
 mod pace;
+pub mod replay;
 mod settings;
 #[cfg(test)]
 mod tests;

@@ -8,7 +8,7 @@ use super::sightline;
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
-const VERBS: [(&str, &str, &str); 15] = [
+const VERBS: [(&str, &str, &str); 16] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
@@ -33,8 +33,9 @@ const VERBS: [(&str, &str, &str); 15] = [
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
     ("fly", "<DB>", "--flight --frames --triangles --pixels --algorithm --plot -o --seed --force"),
-    ("serve", "[DB]", "--listen --config --state --print-config"),
+    ("serve", "[DB]", "--listen --config --state --record --record-limit --print-config"),
     ("status", "<ADDR>", ""),
+    ("replay", "<F>", "--db"),
     (
         "view",
         "<ADDR>",

@@ -7,6 +7,7 @@ mod los;
 mod maps;
 mod mesh;
 mod pipe;
+mod replay;
 mod serve;
 
 use std::process::{Command, Output};

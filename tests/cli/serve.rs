@@ -12,7 +12,7 @@ use sightline_client::{Client, v1};
 use super::{program, sightline};
 
 /// A database of a small grid in `folder`.
-fn database(folder: &Path) -> String {
+pub(super) fn database(folder: &Path) -> String {
     let (input, database) = (folder.join("ramp.asc"), folder.join("ramp.sldb"));
     let rows: String = (0..5).map(|row| format!("{row} 1 2 3 4 5\n")).collect();
     fs::write(&input, format!("ncols 6\nnrows 5\nxllcorner 0\nyllcorner 0\ncellsize 10\n{rows}")).unwrap();
@@ -22,7 +22,7 @@ fn database(folder: &Path) -> String {
 }
 
 /// A server that is killed when a test fails.
-struct Server(Child);
+pub(super) struct Server(pub(super) Child);
 
 impl Drop for Server {
     fn drop(&mut self) {
@@ -37,9 +37,10 @@ impl Server {
         Self::start_with(database, &[])
     }
 
-    fn start_with(database: &str, flags: &[&str]) -> (Self, String) {
+    pub(super) fn start_with(database: &str, flags: &[&str]) -> (Self, String) {
         let child = program()
-            .args(["serve", database, "--listen", "127.0.0.1:0", "--json"])
+            .args(["serve", database, "--json"])
+            .args(if flags.contains(&"--listen") { &[][..] } else { &["--listen", "127.0.0.1:0"] })
             .args(flags)
             .stdout(Stdio::piped())
             .stderr(Stdio::null())

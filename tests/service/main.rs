@@ -6,6 +6,7 @@ mod faults;
 mod leases;
 mod lines;
 mod port;
+mod recording;
 mod resume;
 
 use std::{
