@@ -166,10 +166,7 @@ async fn viewpoints(
     terrain: &v1::TerrainDescription,
     order: &Order,
 ) -> Result<Vec<Viewpoint>, Failure> {
-    let extent = [
-        f64::from(terrain.nx.saturating_sub(1)) * terrain.metres_per_post_east,
-        f64::from(terrain.ny.saturating_sub(1)) * terrain.metres_per_post_north,
-    ];
+    let extent = extent_m(terrain);
     let usage = |error: crate::evaluate::flight::FlightError| Failure::Usage(error.to_string());
     let plan = match &order.flight {
         FlightOrder::Listed { csv } => Plan::listed(csv).map_err(|e| Failure::input("the flight", e))?,
@@ -179,15 +176,28 @@ async fn viewpoints(
             Plan::preset(preset, area_m, order.poses.unwrap_or(DEFAULT_POSES), order.rate_hz, *seed).map_err(usage)?
         }
     };
-    let points: Vec<_> =
-        plan.ground_points().into_iter().map(|p| [p[0].clamp(0.0, extent[0]), p[1].clamp(0.0, extent[1])]).collect();
-    let ground = ground_m(client, &points).await?;
-    let mut viewpoints = plan.fly(&ground).map_err(usage)?;
+    let mut viewpoints = over_ground(client, extent, &plan).await?;
     viewpoints.truncate(order.poses.unwrap_or(usize::MAX));
     if let (Some(stay), FlightOrder::Preset { seed, .. }) = (order.jump_every, &order.flight) {
         viewpoints = jumping(&viewpoints, stay, *seed);
     }
     if viewpoints.is_empty() { Err(Failure::Usage("a flight needs at least one frame".into())) } else { Ok(viewpoints) }
+}
+
+/// Metres east and north of the north-eastern post.
+pub(super) fn extent_m(terrain: &v1::TerrainDescription) -> [f64; 2] {
+    [
+        f64::from(terrain.nx.saturating_sub(1)) * terrain.metres_per_post_east,
+        f64::from(terrain.ny.saturating_sub(1)) * terrain.metres_per_post_north,
+    ]
+}
+
+/// The viewpoints of a plan, its ground asked of the server.
+pub(super) async fn over_ground(client: &Client, extent_m: [f64; 2], plan: &Plan) -> Result<Vec<Viewpoint>, Failure> {
+    let within = |p: [f64; 2]| [p[0].clamp(0.0, extent_m[0]), p[1].clamp(0.0, extent_m[1])];
+    let points: Vec<_> = plan.ground_points().into_iter().map(within).collect();
+    let ground = ground_m(client, &points).await?;
+    plan.fly(&ground).map_err(|error| Failure::Usage(error.to_string()))
 }
 
 /// Poses of a preset when nobody says.
@@ -241,7 +251,7 @@ fn settings(order: &Order, plain: bool) -> v1::ViewSettings {
     }
 }
 
-fn pose(viewpoint: &Viewpoint) -> v1::Pose {
+pub(super) fn pose(viewpoint: &Viewpoint) -> v1::Pose {
     let [x, y, z, w] = viewpoint.rotation;
     let eye = viewpoint.eye;
     v1::Pose { eye: Some(v1::Position { x: eye.x, y: eye.y, z: eye.z }), rotation: Some(v1::Quaternion { x, y, z, w }) }

@@ -17,6 +17,7 @@ mod generator;
 mod height;
 mod info;
 mod ingest;
+mod load;
 mod los;
 mod matrix;
 mod mesh;
@@ -79,6 +80,7 @@ enum Verb {
     Serve(serve::Args),
     Status(status::Args),
     Replay(replay::Args),
+    Load(load::Args),
     View(view::Args),
     Consistency(consistency::Args),
     Demo(demo::Args),
@@ -159,6 +161,7 @@ impl Verb {
             Self::Serve(args) => args.run(context),
             Self::Status(args) => args.run(context),
             Self::Replay(args) => args.run(context),
+            Self::Load(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),
             Self::Demo(args) => args.run(context),

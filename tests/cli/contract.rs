@@ -8,7 +8,7 @@ use super::sightline;
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
-const VERBS: [(&str, &str, &str); 16] = [
+const VERBS: [(&str, &str, &str); 17] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
@@ -36,6 +36,7 @@ const VERBS: [(&str, &str, &str); 16] = [
     ("serve", "[DB]", "--listen --config --state --record --record-limit --print-config"),
     ("status", "<ADDR>", ""),
     ("replay", "<F>", "--db"),
+    ("load", "<ADDR>", "--views --triangles --rate --seconds --los --sight-lines --seed"),
     (
         "view",
         "<ADDR>",
