@@ -3,6 +3,8 @@
 mod contract;
 mod database;
 mod fly;
+mod killed;
+mod load;
 mod los;
 mod maps;
 mod mesh;

@@ -33,7 +33,7 @@ impl Drop for Server {
 
 impl Server {
     /// Starts it on a free port; returns its address too.
-    fn start(database: &str) -> (Self, String) {
+    pub(super) fn start(database: &str) -> (Self, String) {
         Self::start_with(database, &[])
     }
 

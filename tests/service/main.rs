@@ -8,6 +8,7 @@ mod lines;
 mod port;
 mod recording;
 mod resume;
+mod slow;
 
 use std::{
     sync::{
