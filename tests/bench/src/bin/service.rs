@@ -1,0 +1,216 @@
+//! Lines of sight over loopback gRPC beside the same lines asked in this process: the share of the batch rate that is
+//! left, and how long single questions wait at half the greatest rate. All verdicts are compared.
+//!
+//! `service DATABASE ADDR [--seconds S]`: the server runs on the same database with one compute thread, best on a core of
+//! its own: `taskset -c 0 sightline serve DATABASE --threads 1`, then `taskset -c 1 service DATABASE 127.0.0.1:7410`.
+//! Without ADDR a server is started in this process, which has one compute thread for all then.
+
+use std::{
+    error::Error,
+    path::Path,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use hdrhistogram::Histogram;
+use sightline::{
+    database::{Database, OpenOptions},
+    los::{self, Options, Verdict},
+    service,
+    terrain::{HeightField, synthetic},
+};
+use sightline_client::{Client, v1};
+use tokio::{net::TcpListener, runtime::Runtime, sync::Semaphore};
+
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
+type Line = [[f64; 3]; 2];
+
+const BATCH_LINES: usize = 1_000;
+const IN_FLIGHT: usize = 8;
+/// Single questions under way when the greatest rate is sought.
+const SINGLE_IN_FLIGHT: usize = 64;
+/// Ends stand so many metres above the ground.
+const ABOVE_M: f64 = 2.0;
+/// Lines that are drawn of each kind.
+const LINES: usize = 64_000;
+/// Each rate is the best of so many rounds, the two ways in turn.
+const ROUNDS: usize = 5;
+
+fn main() -> Result<()> {
+    let mut arguments = std::env::args().skip(1);
+    let path = arguments.next().ok_or("the path of a database, please")?;
+    let (mut address, mut seconds) = (None, 5.0);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--seconds" => seconds = arguments.next().ok_or("--seconds needs a value")?.parse()?,
+            _ => address = Some(argument),
+        }
+    }
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
+    let database = Arc::new(Database::open(Path::new(&path), OpenOptions::default())?);
+    let runtime = Runtime::new()?;
+    let address = match address {
+        Some(address) => address,
+        None => runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").await?;
+            let address = listener.local_addr()?.to_string();
+            tokio::spawn(service::serve(listener, Arc::clone(&database), std::future::pending()));
+            Ok::<_, std::io::Error>(address)
+        })?,
+    };
+    let client = runtime.block_on(Client::connect(&address))?;
+    for (name, reach_m) in [("up to 1 km", 1e3), ("up to 10 km", 1e4), ("across the map", f64::INFINITY)] {
+        let lines = draw(&database, reach_m)?;
+        let mut best = [0.0_f64; 2];
+        for _ in 0..ROUNDS {
+            let (own, own_rate) = in_process(&database, &lines)?;
+            let (told, told_rate) = runtime.block_on(over_grpc(&client, &lines))?;
+            assert_eq!(own, told, "the same verdicts");
+            best = [best[0].max(own_rate), best[1].max(told_rate)];
+        }
+        let [own, told] = best;
+        println!(
+            "batches of {BATCH_LINES}, {name}: in process {:.3} M lines/s, over gRPC {:.3}, {:.1} %",
+            1e-6 * own,
+            1e-6 * told,
+            100.0 * told / own
+        );
+    }
+    let lines: Arc<[Line]> = draw(&database, 1e4)?.into();
+    let peak = runtime.block_on(peak(&client, &lines, seconds))?;
+    let waits = runtime.block_on(at_rate(&client, &lines, 0.5 * peak, seconds))?;
+    let ms = |quantile| waits.value_at_quantile(quantile) as f64 * 1e-3;
+    println!(
+        "single questions up to 10 km: {peak:.0} a second at most ({SINGLE_IN_FLIGHT} under way); at half of that p50 {:.3} \
+         ms, p99 {:.3}, p99.9 {:.3}, from when each was due",
+        ms(0.5),
+        ms(0.99),
+        ms(0.999)
+    );
+    Ok(())
+}
+
+/// Lines between points above known ground, in the grid frame.
+fn draw(field: &Database, reach_m: f64) -> Result<Vec<Line>> {
+    let (grid, scale) = (HeightField::grid(field), field.scale());
+    let far = [f64::from(grid.nx() - 1), f64::from(grid.ny() - 1)];
+    let unit = |n: u64| (synthetic::mix(n) >> 11) as f64 / (1_u64 << 53) as f64;
+    let mut lines = Vec::new();
+    for n in 0.. {
+        if lines.len() == LINES {
+            break;
+        }
+        let from = [unit(4 * n) * far[0], unit(4 * n + 1) * far[1]];
+        let at = [unit(4 * n + 2), unit(4 * n + 3)];
+        let reach = [reach_m / scale.east_m, reach_m / scale.north_m];
+        let to = [0, 1]
+            .map(|k| if reach[k].is_finite() { from[k] + reach[k] * (2.0 * at[k] - 1.0) } else { at[k] * far[k] });
+        let end = |[x, y]: [f64; 2]| {
+            Ok::<_, los::LosError>(los::on_ground(field, x, y, ABOVE_M / scale.up_m)?.map(|z| [x, y, z]))
+        };
+        if let (Some(a), Some(b)) = (end(from)?, end(to)?) {
+            lines.push([a, b]);
+        }
+    }
+    Ok(lines)
+}
+
+/// Verdicts and lines a second, by batches of the library.
+fn in_process(database: &Database, lines: &[Line]) -> Result<(Vec<v1::Verdict>, f64)> {
+    let (mut verdicts, began) = (Vec::new(), Instant::now());
+    for batch in lines.chunks(BATCH_LINES) {
+        let answers = los::line_of_sight_batch(database, batch, Options::default())?;
+        verdicts.extend(answers.iter().map(|answer| match answer.verdict {
+            Verdict::Visible => v1::Verdict::Visible,
+            Verdict::Blocked => v1::Verdict::Blocked,
+            Verdict::Unknown => v1::Verdict::Unknown,
+        }));
+    }
+    Ok((verdicts, lines.len() as f64 / began.elapsed().as_secs_f64()))
+}
+
+fn request(batch: &[Line]) -> v1::QueryLineOfSightBatchRequest {
+    let column = |end: usize, axis: usize| batch.iter().map(|line| line[end][axis]).collect();
+    v1::QueryLineOfSightBatchRequest {
+        frame: v1::CoordinateFrame::Grid.into(),
+        ax: column(0, 0),
+        ay: column(0, 1),
+        az: column(0, 2),
+        bx: column(1, 0),
+        by: column(1, 1),
+        bz: column(1, 2),
+        ..Default::default()
+    }
+}
+
+/// The same over gRPC, so many batches under way.
+async fn over_grpc(client: &Client, lines: &[Line]) -> Result<(Vec<v1::Verdict>, f64)> {
+    let requests: Vec<_> = lines.chunks(BATCH_LINES).map(request).collect();
+    let places = Arc::new(Semaphore::new(IN_FLIGHT));
+    let (mut tasks, began) = (Vec::new(), Instant::now());
+    for request in requests {
+        let place = Arc::clone(&places).acquire_owned().await?;
+        let client = client.clone();
+        tasks.push(tokio::spawn(async move {
+            let answers = client.query_batch(request).await;
+            drop(place);
+            answers
+        }));
+    }
+    let mut verdicts = Vec::new();
+    for task in tasks {
+        verdicts.extend(task.await??.verdicts);
+    }
+    Ok((verdicts, lines.len() as f64 / began.elapsed().as_secs_f64()))
+}
+
+fn question([a, b]: Line) -> v1::QueryLineOfSightRequest {
+    let end = |[x, y, z]: [f64; 3]| {
+        let (frame, altitude) = (v1::CoordinateFrame::Grid.into(), v1::AltitudeReference::Absolute.into());
+        Some(v1::SightLineEnd { position: Some(v1::Position { x, y, z }), frame, altitude })
+    };
+    v1::QueryLineOfSightRequest { a: end(a), b: end(b), ..Default::default() }
+}
+
+/// Single questions a second with always the same number under way.
+async fn peak(client: &Client, lines: &Arc<[Line]>, seconds: f64) -> Result<f64> {
+    let began = Instant::now();
+    let until = began + Duration::from_secs_f64(seconds);
+    let mut tasks = Vec::new();
+    for n in 0..SINGLE_IN_FLIGHT {
+        let (client, lines) = (client.clone(), Arc::clone(lines));
+        tasks.push(tokio::spawn(async move {
+            let mut asked = 0_u64;
+            for line in lines.iter().cycle().skip(n * 997) {
+                if Instant::now() >= until {
+                    break;
+                }
+                client.query(question(*line)).await?;
+                asked += 1;
+            }
+            Ok::<_, sightline_client::ClientError>(asked)
+        }));
+    }
+    let mut asked = 0;
+    for task in tasks {
+        asked += task.await??;
+    }
+    Ok(asked as f64 / began.elapsed().as_secs_f64())
+}
+
+/// How long answers take, in microseconds from when each question was due.
+async fn at_rate(client: &Client, lines: &Arc<[Line]>, hz: f64, seconds: f64) -> Result<Histogram<u64>> {
+    let began = Instant::now();
+    let mut tasks = Vec::new();
+    for n in 0..(hz * seconds) as usize {
+        let due = began + Duration::from_secs_f64(n as f64 / hz);
+        tokio::time::sleep_until(due.into()).await;
+        let (client, line) = (client.clone(), lines[n % lines.len()]);
+        tasks.push(tokio::spawn(async move { client.query(question(line)).await.map(|_| due.elapsed()) }));
+    }
+    let mut waits = Histogram::new(3)?;
+    for task in tasks {
+        waits.record(task.await??.as_micros() as u64)?;
+    }
+    Ok(waits)
+}
