@@ -267,6 +267,11 @@ impl Replica {
         (self.triangles, self.hash, self.sequence) = (triangles, hash, sequence);
     }
 
+    /// The same mesh, as if no frame had made it: on a new stream, which counts its frames from 1, only a snapshot fits it.
+    pub fn begin_anew(&mut self) {
+        self.sequence = 0;
+    }
+
     /// The payload that turns `base` (nothing, when absent) into this mesh. Both must be of the same terrain.
     ///
     /// This compares all posts; a server that knows what changed uses [`Replica::advance`].

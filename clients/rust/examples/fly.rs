@@ -1,15 +1,17 @@
 //! Flies over a running server's terrain with a fixed number of triangles, and keeps vertex and index buffers as a
-//! renderer would: what each frame changed is all that would be uploaded.
+//! renderer would: what each frame changed is all that would be uploaded. When the server goes away it waits for it.
 //!
 //! ```sh
 //! cargo run -p sightline-client --example fly -- 127.0.0.1:7410 10000
 //! ```
 
-use std::ops::Range;
+use std::{ops::Range, time::Duration};
 
 use sightline_client::{Client, ClientError, Event, View, buffers::MeshBuffers, v1};
 
 const POSES: u32 = 60;
+/// How long to wait for a server that has gone away.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> Result<(), ClientError> {
@@ -53,9 +55,12 @@ async fn main() -> Result<(), ClientError> {
 
 async fn next_frame(view: &mut View) -> Result<v1::Frame, ClientError> {
     loop {
-        // Sight lines of an epoch, or a frame that was lost: the next one comes by itself.
-        if let Event::Frame(frame) = view.next().await?.ok_or(ClientError::Closed)? {
-            return Ok(frame);
+        match view.next().await {
+            Ok(Some(Event::Frame(frame))) => return Ok(frame),
+            // Sight lines of an epoch, or a frame that was lost: the next one comes by itself.
+            Ok(Some(_)) => {}
+            Ok(None) | Err(ClientError::Refused(_)) => view.resume(PATIENCE).await?,
+            Err(error) => return Err(error),
         }
     }
 }

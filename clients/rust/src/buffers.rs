@@ -38,7 +38,8 @@ pub struct ChangedRanges {
 #[derive(Clone, Debug)]
 pub struct MeshBuffers {
     origin_m: [f64; 3],
-    sequence: u64,
+    /// Frames of the scene that have been followed.
+    applied: u64,
     vertices: Vec<[f32; 3]>,
     places: HashMap<u64, u32>,
     free: Vec<u32>,
@@ -59,7 +60,7 @@ impl MeshBuffers {
     pub fn new(scene: &SceneState, origin_m: [f64; 3]) -> Self {
         let mut buffers = Self {
             origin_m,
-            sequence: 0,
+            applied: 0,
             vertices: Vec::new(),
             places: HashMap::new(),
             free: Vec::new(),
@@ -89,16 +90,16 @@ impl MeshBuffers {
     /// was passed over, everything is compared.
     pub fn update(&mut self, scene: &SceneState) -> ChangedRanges {
         let last = scene.last_frame();
-        if last.sequence == self.sequence {
+        if last.applied == self.applied {
             return ChangedRanges::default();
         }
-        if last.previous == self.sequence {
+        if last.applied == self.applied + 1 {
             let changes = scene.last_changes();
             self.follow(scene.replica(), &changes.added, &changes.removed);
         } else {
             self.follow_all(scene);
         }
-        self.sequence = last.sequence;
+        self.applied = last.applied;
         self.ranges()
     }
 
@@ -119,7 +120,7 @@ impl MeshBuffers {
         triangles.extend(around(replica, &removed));
         triangles.extend(around(replica, &added));
         self.settle(replica, &triangles, &removed);
-        self.sequence = scene.last_frame().sequence;
+        self.applied = scene.last_frame().applied;
     }
 
     fn follow(&mut self, replica: &Replica, added: &[Post], removed: &[Post]) {
@@ -307,6 +308,11 @@ mod tests {
             renderer.triangles.extend(buffers.triangles());
             prop_assert_eq!(renderer.drawn(), expected(&scene, origin_m));
             for (seeds, kind) in frames {
+                if kind == 2 {
+                    // The stream is lost and the view opened anew: sequences start again, so the same number may come twice.
+                    let opened = v1::ViewOpened { terrain: Some(scene.terrain().clone()) };
+                    scene.reopen(&opened, 1 << 20).unwrap();
+                }
                 advance(&mut scene, &seeds, kind == 0);
                 if kind == 1 {
                     continue; // a frame that the renderer does not see

@@ -81,6 +81,9 @@ pub enum SceneError {
     /// A line whose state makes no sense: a verdict without ends, a number that is not finite.
     #[error("sight line {0} is stated without a verdict, or with ends or an obstruction that are not finite")]
     Line(u64),
+    /// A view that is opened anew, on another terrain.
+    #[error("the server now holds another terrain: open a new view")]
+    OtherTerrain,
     /// More sight lines than a client keeps.
     #[error("more than {MAX_LINES} sight lines")]
     TooManyLines,
@@ -117,10 +120,10 @@ pub struct SceneState {
 /// What the last frame said beside its mesh.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct LastFrame {
-    /// Its number; 0 before the first.
+    /// Its number on its stream; 0 before the first.
     pub sequence: u64,
-    /// The number of the frame that was held before it; 0 before the second.
-    pub previous: u64,
+    /// How many frames have been applied, over all streams of a view that was resumed.
+    pub applied: u64,
     /// The pose that it was made for.
     pub pose_sequence: u64,
     /// The epoch whose sight lines it honours.
@@ -160,6 +163,20 @@ impl SceneState {
         }
     }
 
+    /// The same view, opened anew after its stream was lost. The mesh stays until the first frame, which is a snapshot; sight
+    /// lines and names come again before it.
+    pub fn reopen(&mut self, opened: &v1::ViewOpened, max_triangles: u32) -> Result<(), SceneError> {
+        let mut anew = Self::new(opened, max_triangles, self.lines_expected)?;
+        if anew.terrain != self.terrain {
+            return Err(SceneError::OtherTerrain);
+        }
+        std::mem::swap(&mut anew.replica, &mut self.replica);
+        anew.replica.begin_anew();
+        anew.last.applied = self.last.applied;
+        *self = anew;
+        Ok(())
+    }
+
     fn update_lines(&mut self, update: &v1::ExerciseUpdate) -> Result<(), SceneError> {
         if update.epoch < self.epoch {
             return Err(SceneError::EpochBack { epoch: update.epoch, held: self.epoch });
@@ -193,7 +210,7 @@ impl SceneState {
         self.off_ground.extend(&frame.now_off_ground);
         self.last = LastFrame {
             sequence: frame.sequence,
-            previous: self.last.sequence,
+            applied: self.last.applied + 1,
             pose_sequence: frame.pose_sequence,
             epoch: frame.epoch,
             bound_px: frame.distortion_bound_px,
@@ -431,6 +448,30 @@ pub(crate) mod tests {
         assert_eq!(state.apply(&message(Response::Opened(opened()))), Err(SceneError::OutOfPlace));
         assert_eq!((state.epoch(), state.lines().len()), (2, 1));
         state.apply(&message(Response::Frame(good))).unwrap();
+    }
+
+    #[test]
+    fn a_view_opened_anew_keeps_its_mesh_until_a_snapshot() {
+        let mut state = SceneState::new(&opened(), 100, true).unwrap();
+        state.apply(&update(5, vec![line(7, 5.0, v1::Verdict::Blocked)])).unwrap();
+        state.apply(&message(Response::Frame(frame(&state, 1, 5, 10)))).unwrap();
+        let held = state.replica().hash();
+        let hill = v1::TerrainDescription { version: vec![1], ..flat() };
+        let other = state.reopen(&v1::ViewOpened { terrain: Some(hill) }, 100);
+        assert_eq!((other, state.epoch()), (Err(SceneError::OtherTerrain), 5));
+
+        state.reopen(&opened(), 100).unwrap();
+        assert_eq!((state.replica().hash(), state.epoch(), state.lines().len()), (held, 0, 0));
+        // The server has started anew, and with it its epochs and sequences.
+        state.apply(&update(1, vec![line(7, 5.0, v1::Verdict::Blocked)])).unwrap();
+        let next = frame(&state, 1, 1, 10);
+        let unchanged = state.replica().encode(Some(state.replica()));
+        let stale = v1::Frame { sequence: 2, base_sequence: 1, mesh: unchanged, ..next.clone() };
+        assert!(state.apply(&message(Response::Frame(stale))).is_err(), "a change of a frame of the stream before");
+        state.apply(&message(Response::Frame(next))).unwrap();
+        let last = state.last_frame();
+        assert_eq!((last.sequence, last.applied), (1, 2));
+        assert_eq!(*state.last_changes(), PostChanges::default(), "the snapshot is the mesh that was held");
     }
 
     #[test]

@@ -1,20 +1,28 @@
-//! One view of a server over its stream: steers, receives, checks, acknowledges.
+//! One view of a server over its stream: steers, receives, checks, acknowledges, and comes back when it was lost.
+
+use std::{error::Error, time::Duration};
 
 use prost::Message;
 use sightline_proto::v1::{
     self, scene_service_client::SceneServiceClient, stream_scene_request::Request, stream_scene_response::Response,
 };
-use tokio::sync::mpsc;
+use tokio::{
+    sync::mpsc,
+    time::{Instant, sleep},
+};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::Streaming;
+use tonic::{Code, Streaming};
 
 use crate::{
-    ClientError,
+    ClientError, Secured,
     scene::{self, SceneError, SceneState},
 };
 
 /// Messages that may wait to be sent. An acknowledgement that finds no room is dropped: the next one covers it.
 const OUTBOX: usize = 64;
+
+/// How long [`View::resume`] waits between two tries.
+const RETRY: Duration = Duration::from_millis(100);
 
 /// What happened to a view.
 #[derive(Clone, PartialEq, Debug)]
@@ -32,10 +40,11 @@ pub enum Event {
 /// One view. Dropping it closes it.
 #[derive(Debug)]
 pub struct View {
-    outbox: mpsc::Sender<v1::StreamSceneRequest>,
-    inbox: Streaming<v1::StreamSceneResponse>,
+    scenes: SceneServiceClient<Secured>,
+    /// What was asked for last: exercise, settings, pose, pace.
+    wish: v1::OpenView,
+    stream: Stream,
     scene: SceneState,
-    opened: v1::StreamSceneResponse,
     last: Option<v1::StreamSceneResponse>,
     pose_sequence: u64,
     received_sequence: u64,
@@ -47,36 +56,69 @@ pub struct View {
     lost: bool,
 }
 
-impl View {
-    pub(crate) async fn open(
-        mut scenes: SceneServiceClient<crate::Secured>,
-        open: v1::OpenView,
-    ) -> Result<Self, ClientError> {
-        let max_triangles = open.settings.as_ref().map_or(0, max_triangles);
-        let with_lines = !open.exercise.is_empty();
+/// An open stream.
+#[derive(Debug)]
+struct Stream {
+    outbox: mpsc::Sender<v1::StreamSceneRequest>,
+    inbox: Streaming<v1::StreamSceneResponse>,
+    /// Its first message.
+    opening: v1::StreamSceneResponse,
+}
+
+impl Stream {
+    async fn open(
+        scenes: &mut SceneServiceClient<Secured>,
+        wish: v1::OpenView,
+    ) -> Result<(Self, v1::ViewOpened), ClientError> {
         let (outbox, requests) = mpsc::channel(OUTBOX);
-        outbox.try_send(request(Request::Open(open))).map_err(|_| ClientError::Closed)?;
+        outbox.try_send(request(Request::Open(wish))).map_err(|_| ClientError::Closed)?;
         let mut inbox = scenes.stream_scene(ReceiverStream::new(requests)).await?.into_inner();
-        let first = inbox.message().await?.ok_or(ClientError::Closed)?;
-        let Some(Response::Opened(opened)) = &first.response else {
+        let opening = inbox.message().await?.ok_or(ClientError::Closed)?;
+        let Some(Response::Opened(opened)) = opening.response.clone() else {
             return Err(ClientError::Protocol("the first message of a view is not its opening"));
         };
-        let scene = SceneState::new(opened, max_triangles, with_lines)?;
-        let (opened, last) = (first, None);
-        let (pose_sequence, received_sequence, snapshot_due, lost) = (0, 0, false, false);
-        let frame_time_ms = 0.0;
+        Ok((Self { outbox, inbox, opening }, opened))
+    }
+}
+
+impl View {
+    pub(crate) async fn open(mut scenes: SceneServiceClient<Secured>, wish: v1::OpenView) -> Result<Self, ClientError> {
+        let (stream, opened) = Stream::open(&mut scenes, wish.clone()).await?;
+        let scene = SceneState::new(&opened, asked(&wish), !wish.exercise.is_empty())?;
         Ok(Self {
-            outbox,
-            inbox,
+            scenes,
+            wish,
+            stream,
             scene,
-            opened,
-            last,
-            pose_sequence,
-            received_sequence,
-            frame_time_ms,
-            snapshot_due,
-            lost,
+            last: None,
+            pose_sequence: 0,
+            received_sequence: 0,
+            frame_time_ms: 0.0,
+            snapshot_due: false,
+            lost: false,
         })
+    }
+
+    /// Opens the view anew, with its last pose, settings and pace, after its stream was lost: [`View::next`] gave an error or
+    /// `None`. Tries until a server answers or `within` is over; cancelling it changes nothing.
+    ///
+    /// The mesh of the last frame stays until the first new one, which is a snapshot; what that changes is all that
+    /// [`crate::buffers::MeshBuffers`] uploads. Poses are numbered from 1 again. A server that was started anew may not
+    /// have the exercise any more: then this is refused, `NotFound`. With another terrain it is
+    /// [`SceneError::OtherTerrain`].
+    pub async fn resume(&mut self, within: Duration) -> Result<(), ClientError> {
+        let deadline = Instant::now() + within;
+        let (stream, opened) = loop {
+            match Stream::open(&mut self.scenes, self.wish.clone()).await {
+                Err(error) if is_away(&error) && Instant::now() < deadline => sleep(RETRY).await,
+                answer => break answer?,
+            }
+        };
+        self.scene.reopen(&opened, asked(&self.wish))?;
+        (self.stream, self.last) = (stream, None);
+        (self.pose_sequence, self.received_sequence) = (0, 0);
+        (self.snapshot_due, self.lost) = (false, false);
+        Ok(())
     }
 
     /// What the client knows.
@@ -91,13 +133,15 @@ impl View {
 
     /// The message that opened the view, encoded.
     pub fn opening_bytes(&self) -> Vec<u8> {
-        self.opened.encode_to_vec()
+        self.stream.opening.encode_to_vec()
     }
 
     /// Moves the viewpoint; returns the pose's number, which the frame made for it carries.
     pub async fn steer(&mut self, pose: v1::Pose) -> Result<u64, ClientError> {
         self.pose_sequence += 1;
-        self.send(self.steering(Some(pose), None)).await?;
+        self.wish.pose = Some(pose);
+        let steer = v1::SteerView { pose: Some(pose), frame_time_ms: self.frame_time_ms, ..self.steering() };
+        self.send(Request::Steer(steer)).await?;
         Ok(self.pose_sequence)
     }
 
@@ -105,7 +149,14 @@ impl View {
     pub async fn change_settings(&mut self, settings: v1::ViewSettings) -> Result<(), ClientError> {
         // Frames under way may still be of the old target.
         self.scene.allow_triangles(max_triangles(&settings));
-        self.send(self.steering(None, Some(settings))).await
+        self.wish.settings = Some(settings.clone());
+        self.send(Request::Steer(v1::SteerView { settings: Some(settings), ..self.steering() })).await
+    }
+
+    /// Changes how fast the view sends; the default is a frame on every change.
+    pub async fn change_pace(&mut self, pace: v1::Pace) -> Result<(), ClientError> {
+        self.wish.pace = Some(pace);
+        self.send(Request::Steer(v1::SteerView { pace: Some(pace), ..self.steering() })).await
     }
 
     /// Says how long the last frame took to draw, with the next pose: a target of a frame time needs it.
@@ -121,7 +172,7 @@ impl View {
     /// The next event; `None` when the server has closed the view. Cancelling it loses nothing.
     pub async fn next(&mut self) -> Result<Option<Event>, ClientError> {
         self.catch_up();
-        let Some(message) = self.inbox.message().await? else { return Ok(None) };
+        let Some(message) = self.stream.inbox.message().await? else { return Ok(None) };
         let event = self.take(&message)?;
         self.last = Some(message);
         self.catch_up();
@@ -141,7 +192,7 @@ impl View {
             (Ok(scene::Event::Exercise), _) => Ok(Event::Exercise(self.scene.epoch())),
             (Ok(scene::Event::Frame), frame) => {
                 self.lost = false;
-                self.try_send(self.steering(None, None));
+                self.try_send(Request::Steer(self.steering()));
                 frame.cloned().map(Event::Frame).ok_or(ClientError::Protocol("a frame that is none"))
             }
             (Err(error), Some(_)) => {
@@ -152,10 +203,10 @@ impl View {
         }
     }
 
-    fn steering(&self, pose: Option<v1::Pose>, settings: Option<v1::ViewSettings>) -> Request {
+    /// An acknowledgement, to which wishes may be added.
+    fn steering(&self) -> v1::SteerView {
         let (pose_sequence, applied_sequence) = (self.pose_sequence, self.scene.replica().sequence());
-        let frame_time_ms = if pose.is_some() { self.frame_time_ms } else { 0.0 };
-        Request::Steer(v1::SteerView { pose, pose_sequence, applied_sequence, settings, frame_time_ms, pace: None })
+        v1::SteerView { pose_sequence, applied_sequence, ..Default::default() }
     }
 
     /// Asks for a snapshot that is due.
@@ -168,16 +219,30 @@ impl View {
 
     /// Whether the message could be put in the outbox.
     fn try_send(&self, what: Request) -> bool {
-        self.outbox.try_send(request(what)).is_ok()
+        self.stream.outbox.try_send(request(what)).is_ok()
     }
 
     async fn send(&self, what: Request) -> Result<(), ClientError> {
-        self.outbox.send(request(what)).await.map_err(|_| ClientError::Closed)
+        self.stream.outbox.send(request(what)).await.map_err(|_| ClientError::Closed)
     }
 }
 
 fn request(request: Request) -> v1::StreamSceneRequest {
     v1::StreamSceneRequest { request: Some(request) }
+}
+
+/// Whether no server answered, rather than one that refused.
+fn is_away(error: &ClientError) -> bool {
+    match error {
+        ClientError::Refused(status) => status.code() == Code::Unavailable || status.source().is_some(),
+        ClientError::Closed => true,
+        _ => false,
+    }
+}
+
+/// The most triangles that a view asks for.
+fn asked(wish: &v1::OpenView) -> u32 {
+    wish.settings.as_ref().map_or(0, max_triangles)
 }
 
 /// The most triangles that frames under these settings have.

@@ -10,7 +10,7 @@ use std::{fs, path::Path};
 use prost::Message;
 use serde_json::Value;
 use sightline_client::{
-    scene::{Event, SceneState},
+    scene::{Event, SceneError, SceneState},
     v1::{self, stream_scene_response::Response},
 };
 
@@ -36,15 +36,48 @@ fn message(line: &Value) -> v1::StreamSceneResponse {
     message
 }
 
+/// The scene after the first two lines of a session.
+fn opened(lines: &[Value]) -> SceneState {
+    let header = &lines[0];
+    let max_triangles = header["max_triangles"].as_u64().unwrap() as u32;
+    let Some(Response::Opened(opened)) = message(&lines[1]).response else { panic!("not opened") };
+    SceneState::new(&opened, max_triangles, header["lines_expected"].as_bool().unwrap()).unwrap()
+}
+
+#[test]
+fn conformance_of_a_frame_left_out() {
+    for (name, lines) in sessions() {
+        let mut scene = opened(&lines);
+        let left_out = 2 + lines[2..].iter().enumerate().filter(|(_, line)| line["held"].is_object()).nth(2).unwrap().0;
+        let (mut lost, mut refused, mut recovered) = (false, 0, 0);
+        for (n, line) in lines.iter().enumerate().skip(2) {
+            let message = message(line);
+            let is_delta = matches!(&message.response, Some(Response::Frame(frame)) if frame.base_sequence != 0);
+            if n == left_out {
+                lost = true;
+            } else if lost && is_delta {
+                let before = scene.replica().posts();
+                assert!(
+                    matches!(scene.apply(&message), Err(SceneError::Frame(_) | SceneError::Naming { .. })),
+                    "{name}"
+                );
+                assert_eq!(scene.replica().posts(), before, "{name}");
+                refused += 1;
+            } else if scene.apply(&message).unwrap() == Event::Frame {
+                assert_eq!(session::held(&scene), line["held"], "{name}");
+                recovered += usize::from(std::mem::take(&mut lost));
+            }
+        }
+        assert!(refused > 0 && recovered > 0, "{name}: {refused}, {recovered}");
+    }
+}
+
 #[test]
 fn conformance_of_recorded_sessions() {
     let sessions = sessions();
     assert!(sessions.len() >= 2);
     for (name, lines) in sessions {
-        let header = &lines[0];
-        let max_triangles = header["max_triangles"].as_u64().unwrap() as u32;
-        let Some(Response::Opened(opened)) = message(&lines[1]).response else { panic!("{name}: not opened") };
-        let mut scene = SceneState::new(&opened, max_triangles, header["lines_expected"].as_bool().unwrap()).unwrap();
+        let mut scene = opened(&lines);
         let (mut snapshots, mut deltas, mut updates) = (0, 0, 0);
         for line in &lines[2..] {
             let (message, before) = (message(line), scene.replica().clone());
