@@ -166,6 +166,7 @@ def test_resume_after_the_server_was_killed(database: Path) -> None:
                     view.resume()
                 register()
                 view.resume()
+                assert view.scene.mesh.hash == before[0] and view.scene.frame is None, "until the first frame"
                 frame = view.frame()
                 assert frame.base_sequence == 0
                 assert view.scene.verdicts() == before[1] and view.scene.disagreements() == []

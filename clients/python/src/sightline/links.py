@@ -30,6 +30,7 @@ class Link(Protocol):
 
     async def read(self) -> wire.StreamSceneResponse:
         """The next message; raises when there is none any more."""
+        ...
 
     async def send(self, request: wire.StreamSceneRequest) -> None:
         """Says something to the view."""

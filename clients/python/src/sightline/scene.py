@@ -68,6 +68,11 @@ class Scene:
         """Entities from whose ground this mesh is further off than their `ground_m`."""
         self.frame: Frame | None = None
 
+    def keep_mesh(self, of: Scene) -> None:
+        """Shows the mesh that the same view had before it was opened anew, until the first frame, which is a snapshot."""
+        if of.terrain == self.terrain:
+            self.mesh = of.mesh
+
     def apply(self, message: wire.StreamSceneResponse) -> Literal["exercise", "frame"]:
         """Takes the next message of the stream; raises and changes nothing if it does not fit."""
         kind = message.WhichOneof("response")

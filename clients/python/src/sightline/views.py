@@ -73,7 +73,10 @@ class View:
         if first.WhichOneof("response") != "opened":
             await link.close()
             raise ProtocolError("the first message of a view is not its opening")
-        self._scene = Scene(first.opened, self._settings.triangles, bool(self._exercise))
+        scene = Scene(first.opened, self._settings.triangles, bool(self._exercise))
+        if self._scene is not None:
+            scene.keep_mesh(self._scene)
+        self._scene = scene
         self._link, self._pose_sequence, self._lost_place = link, 0, False
 
     async def _read(self) -> scene_pb2.StreamSceneResponse:
@@ -175,7 +178,8 @@ class View:
     async def resume(self, within_s: float = 30.0) -> None:
         """Opens the view anew, with its last pose, settings and pace, after the connection was lost.
 
-        Tries until a server answers or `within_s` is over. The first frame after it is a snapshot. A server that was
+        Tries until a server answers or `within_s` is over. The first frame after it is a snapshot; until it comes the mesh
+        is the last one, if the server has the same terrain. Poses are numbered from 1 again. A server that was
         started anew may not have the exercise any more: then this raises :class:`Refused`, ``NOT_FOUND``.
         """
         await self.close()
