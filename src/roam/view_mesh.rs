@@ -32,8 +32,8 @@ pub struct MeshReport {
     pub removed: Vec<Post>,
     /// Ids of the lines that do not hold on this mesh, ascending: exactly those.
     pub unsatisfied: Vec<u64>,
-    /// For each of them, the triangles that it lacked beside the lines before it when it was given up: no less are
-    /// needed. 0 for a line that no mesh can help.
+    /// For each of them, the triangles that it asked for in addition to those of the lines before it, when it was given
+    /// up. 0 for a line that no mesh can help.
     pub lacking: Vec<u32>,
     /// Ids of the lines of fidelity GROUND that do not hold on this mesh, ascending: exactly those. They are not among
     /// `unsatisfied`.
