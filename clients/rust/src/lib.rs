@@ -225,7 +225,7 @@ impl Client {
     /// Opens a view with all that may be said of it: its pace, and the lease that it holds.
     pub async fn open(&self, open: v1::OpenView) -> Result<View, ClientError> {
         let scenes = SceneServiceClient::new(self.secured()).max_decoding_message_size(MAX_MESSAGE_BYTES);
-        View::open(scenes, view).await
+        View::open(scenes, open).await
     }
 
     fn secured(&self) -> Secured {

@@ -1,10 +1,11 @@
 /**
  * The page in a real browser, as the server serves it: lines are placed, dragged and judged, budgets changed, the server
  * killed and started anew. After each step what the page claims is compared with what the server says when it is asked
- * directly. Pictures go to `screenshots/`.
+ * directly. Pictures go to `screenshots/`. With a folder in DIST its files are shown in place of those that the server has,
+ * so that a change can be tried before the server is built with it.
  */
 
-import { existsSync, mkdirSync } from "node:fs";
+import { existsSync, mkdirSync, readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { type Browser, type Page, chromium } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
@@ -39,6 +40,12 @@ beforeAll(async () => {
   page.on("console", (message) => {
     if (/Content Security Policy|WebGL|shader/i.test(message.text()) && message.type() === "error") complaints.push(message.text());
   });
+  const dist = process.env["DIST"];
+  for (const [path, name] of dist ? [["/", "index.html"], ["/app.js", "app.js"], ["/app.css", "app.css"]] as const : []) {
+    await page.route((url) => url.pathname === path, async (route) => {
+      await route.fulfill({ response: await route.fetch(), body: readFileSync(`${dist}/${name}`) });
+    });
+  }
   await page.goto(running.address);
 }, 60_000);
 
@@ -178,6 +185,9 @@ test("a plain mesh of the same budget tells lines wrongly, and the page shows wh
   await until("view A is wrong somewhere", async () => Number((await pane("A"))["wrong"]) > 0, PATIENCE_MS);
   const shown = await compare();
   expect(shown.length).toBeGreaterThan(30);
+  await page.click("#lines-body tr:has(.wrong)");
+  await until("the line that is told wrongly is shown", async () => (await page.getAttribute("[data-view=A] .verdict", "data-kind")) === "wrong", PATIENCE_MS);
+  await sleep(500);
   await picture("4-plain");
   await page.click("[data-view=A] [data-mode=kept]");
   await until("view A is right again", async () => (await pane("A"))["wrong"] === "0" && (await pane("A"))["mode"] === "kept", PATIENCE_MS);
@@ -191,6 +201,8 @@ test("errors and a viewshed are shown, and a fidelity is asked", async () => {
   await sleep(700);
   await picture("5-errors-and-viewshed");
   await page.uncheck("#show-errors");
+  await sleep(700);
+  await picture("5-viewshed");
   await page.uncheck("#viewshed");
   const before = (await held())?.epoch ?? 0n;
   await page.focus("#fidelity");
@@ -202,6 +214,55 @@ test("errors and a viewshed are shown, and a fidelity is asked", async () => {
   await compare();
 }, 120_000);
 
+test("a view aims for a distortion, keeps a pace, and is finer around a target", async () => {
+  await page.click("[data-view=A] .more");
+  await budget("A", "End");
+  await until("view A has its budget", async () => Number((await pane("A"))["triangles"]) > 10_000, PATIENCE_MS);
+  await page.selectOption("[data-view=A] .aim", "16");
+  await until("view A is as good as asked", async () => {
+    const { bound, triangles } = await pane("A");
+    return Number(bound) <= 16 && Number(bound) > 4 && Number(triangles) < 10_000;
+  }, PATIENCE_MS);
+  await compare();
+  await page.selectOption("[data-view=A] .aim", "0");
+  await budget("A", "Home", 60);
+
+  await page.selectOption("[data-view=A] .rate", "2");
+  const before = Number((await pane("A"))["frames"]);
+  const from = Date.now();
+  await page.focus("[data-view=A] canvas");
+  do {
+    await page.keyboard.press("ArrowLeft");
+    await sleep(100);
+  } while (Date.now() - from < 2_500 || (await pane("A"))["heldBack"] === "0");
+  const [frames, seconds] = [Number((await pane("A"))["frames"]) - before, (Date.now() - from) / 1000];
+  expect(frames, `frames in ${seconds} s`).toBeLessThanOrEqual(2 * seconds + 2);
+  await picture("6-aim-and-pace");
+  await page.selectOption("[data-view=A] .rate", "0");
+  await page.click("[data-view=A] .more");
+
+  const bound = async () => Number((await pane("A"))["bound"]);
+  await until("view A is at rest", async () => {
+    const was = await bound();
+    await sleep(400);
+    return was === (await bound());
+  }, PATIENCE_MS);
+  const plain = await bound();
+  await page.check("#interest");
+  await page.focus("#weight");
+  await page.keyboard.press("End");
+  // What is spent near the target is missing elsewhere.
+  await until("view A is finer around the target", async () => (await bound()) > plain, PATIENCE_MS);
+  await page.check("#morph");
+  await page.focus("[data-view=A] canvas");
+  for (let n = 0; n < 8; n++) await page.keyboard.press("ArrowLeft");
+  await compare();
+  await picture("7-finer-at-target");
+  await page.uncheck("#interest");
+  await page.uncheck("#morph");
+  await until("and no longer", async () => (await bound()) < 2 * plain, PATIENCE_MS);
+}, 120_000);
+
 test("it says that the server is away, keeps what it had, and goes on by itself", async () => {
   const before = await compare();
   await running.kill();
@@ -210,13 +271,13 @@ test("it says that the server is away, keeps what it had, and goes on by itself"
   const shown = async () => (await rows()).map(({ line, server: its, a, b }) => [line, its, a, b]);
   const kept = before.map(({ line, server: its, a, b }) => [line, its, a, b]);
   expect(await shown()).toEqual(kept);
-  await picture("6-away");
+  await picture("8-away");
   await running.start();
   await page.waitForSelector("#link[data-state=up]");
   await until("the views are back", async () => (await Promise.all(["A", "B"].map(pane))).every((p) => Number(p["frames"]) > 0 && p["frames"] !== ""), PATIENCE_MS);
   await compare();
   expect(await shown()).toEqual(kept);
-  await picture("7-back");
+  await picture("9-back");
 }, 120_000);
 
 test("it turns smoothly, fits a small screen, and leaves nothing behind", async () => {
@@ -233,10 +294,23 @@ test("it turns smoothly, fits a small screen, and leaves nothing behind", async 
     return drawn;
   });
   console.log(`${((1000 * frames) / (Date.now() - from)).toFixed(1)} pictures a second of two views, drawn by software`);
+  await page.setViewportSize({ width: 1000, height: 760 });
+  await page.keyboard.press("v");
+  await page.keyboard.press("v");
+  await until("four views have frames", async () => (await Promise.all(["A", "B", "C", "D"].map(pane))).every((p) => Number(p["frames"]) > 0), PATIENCE_MS);
+  await sleep(500);
+  await picture("10-four-views");
+  await page.keyboard.press("?");
+  await picture("11-help");
+  await page.keyboard.press("Escape");
+  for (const view of ["C", "D"]) await page.click(`[data-view=${view}] .close`);
   await page.setViewportSize({ width: 390, height: 844 });
   await sleep(500);
   expect(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth)).toBeLessThanOrEqual(0);
-  await picture("8-small");
+  await picture("12-small");
+  await page.evaluate(() => scrollTo(0, document.documentElement.scrollHeight));
+  await sleep(300);
+  await picture("13-small-below");
   await compare();
   await page.goto("about:blank");
   await until("its exercise has ended", async () => (await held()) === undefined, PATIENCE_MS);

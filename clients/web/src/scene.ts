@@ -26,24 +26,30 @@ export class SceneError extends Error {
 export class Scene {
   readonly mesh: Mesh;
   readonly lines = new Map<bigint, SightLineState>();
-  /** Lines named as not holding on this mesh, with the triangles that they lacked. */
+  /** Lines named as not holding on this mesh, with the triangles that they asked for beside the lines before them. */
   unsatisfied: ReadonlyMap<bigint, number> = new Map();
   epoch = 0n;
+  private readonly version: string;
   /** The last frame applied. */
   frame: Frame | undefined;
 
   /**
    * Frames of more than `maxTriangles` triangles are refused. `linesExpected` is false for a view without an exercise:
-   * then frames come without updates of sight lines.
+   * then frames come without updates of sight lines. A view that is opened anew keeps the mesh that it had `before`, on the
+   * same terrain, until its first frame, which is a snapshot.
    */
   constructor(
     opened: ViewOpened,
     public maxTriangles: number,
     private readonly linesExpected: boolean,
+    before?: Scene,
   ) {
     const terrain = opened.terrain;
     if (!terrain) throw new SceneError("a view was opened without a terrain");
-    this.mesh = new Mesh(new Grid(terrain.nx, terrain.ny, terrain.rootExponent), terrain.cornerHeights.map(Number));
+    this.version = terrain.version.join();
+    this.mesh = before?.version === this.version
+      ? before.mesh
+      : new Mesh(new Grid(terrain.nx, terrain.ny, terrain.rootExponent), terrain.cornerHeights.map(Number));
   }
 
   apply(message: StreamSceneResponse): "exercise" | "frame" {

@@ -7,7 +7,7 @@ import {
   BufferAttribute, BufferGeometry, Color, DataTexture, DynamicDrawUsage, GLSL3, Mesh as Drawn, NearestFilter, RedFormat,
   ShaderMaterial, UnsignedByteType, Vector2, Vector3, Vector4,
 } from "three";
-import type { Mesh, Vertex } from "../mesh/mesh";
+import type { Vertex, Walkable } from "../mesh/mesh";
 import type { Space } from "./space";
 
 /** Colours of heights from lowest to highest. */
@@ -55,6 +55,7 @@ const FRAGMENT = /* glsl */ `
   uniform sampler2D viewshed;
   uniform vec4 viewshedAt;
   uniform bool showsViewshed;
+  uniform vec3 ring;
 
   vec3 along(vec3 colours[6], float place) {
     float at = clamp(place, 0.0, 1.0) * 5.0;
@@ -81,6 +82,10 @@ const FRAGMENT = /* glsl */ `
         else if (verdict > 1.5) lit = mix(lit, vec3(0.5), 0.5);
         else if (verdict > 0.5) lit = mix(lit, vec3(1.0, 0.82, 0.42) * light, 0.55);
       }
+    }
+    if (ring.z > 0.0) {
+      float off = distance(vAt.xy, ring.xy) - ring.z;
+      lit = mix(lit, vec3(0.2, 0.53, 0.92), 0.85 * (1.0 - smoothstep(0.8, 1.8, abs(off) / fwidth(off))));
     }
     vec3 near = vBary / fwidth(vBary);
     float edge = 1.0 - smoothstep(0.15, 1.15, min(min(near.x, near.y), near.z));
@@ -128,6 +133,7 @@ export class Ground {
         viewshed: { value: null },
         viewshedAt: { value: new Vector4() },
         showsViewshed: { value: false },
+        ring: { value: new Vector3() },
       },
     });
     this.drawn = new Drawn(new BufferGeometry(), material);
@@ -140,6 +146,11 @@ export class Ground {
 
   set showsError(shows: boolean) {
     this.uniform("showsError").value = shows;
+  }
+
+  /** Draws a circle around a place of the local frame; undefined: none. */
+  set ring(ring: { x: number; y: number; radius: number } | undefined) {
+    (this.uniform("ring").value as Vector3).set(ring?.x ?? 0, ring?.y ?? 0, ring?.radius ?? 0);
   }
 
   /** Distance in metres at which the air takes over. */
@@ -164,7 +175,7 @@ export class Ground {
   }
 
   /** Takes the triangles of a mesh. `errorAt` gives a triangle's error in metres, by the middle of its base. */
-  take(mesh: Mesh, errorAt?: (e0: Vertex, e1: Vertex) => number): void {
+  take(mesh: Walkable, errorAt?: (e0: Vertex, e1: Vertex) => number): void {
     const count = mesh.triangleCount;
     this.reserve(3 * count);
     const { positions, normals, errors, space } = this;

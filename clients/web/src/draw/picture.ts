@@ -124,7 +124,7 @@ export class Picture {
 let software: boolean | undefined;
 
 /** Whether the processor draws, as far as the browser tells: then smooth edges cost more than they give. */
-function isSoftware(): boolean {
+export function isSoftware(): boolean {
   if (software === undefined) {
     const gl = document.createElement("canvas").getContext("webgl2");
     const info = gl?.getExtension("WEBGL_debug_renderer_info");

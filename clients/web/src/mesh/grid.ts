@@ -56,6 +56,16 @@ export class Grid {
     return i === 0 || j === 0 || i === this.side || j === this.side ? 1 : 2;
   }
 
+  /** The ends of the base that (i, j), no corner, is the middle of. */
+  baseEnds(i: number, j: number): [Post, Post] {
+    const b = lowestBit(i, j);
+    if ((i & b) === 0) return [{ i, j: j - b }, { i, j: j + b }];
+    if ((j & b) === 0) return [{ i: i - b, j }, { i: i + b, j }];
+    // Of its square's corners, in steps of 2b from the south-west one, the parents are those with an odd sum.
+    const isRising = (((i - b) / (2 * b) + (j - b) / (2 * b)) & 1) === 0;
+    return isRising ? [{ i: i - b, j: j - b }, { i: i + b, j: j + b }] : [{ i: i - b, j: j + b }, { i: i + b, j: j - b }];
+  }
+
   /** The posts that (i, j), no corner, is a parent of, in the order of WIRE.md. */
   children(i: number, j: number): Post[] {
     const b = lowestBit(i, j);

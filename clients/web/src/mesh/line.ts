@@ -3,7 +3,7 @@
  * that could have been dismissed.
  */
 
-import type { Mesh, Triangle } from "./mesh";
+import type { Triangle, Walkable } from "./mesh";
 import type { Post } from "./grid";
 
 /** A point of the grid frame: posts east, posts north, height units. */
@@ -19,7 +19,7 @@ export const ROUNDING = 2 ** -50;
 export const TINY = 1e-150;
 
 /** Visits each triangle that AB may meet in plan, and few others. */
-export function walkUnder(mesh: Mesh, a: Point, b: Point, visit: Triangle): void {
+export function walkUnder(mesh: Walkable, a: Point, b: Point, visit: Triangle): void {
   const [west, east] = [Math.min(a.x, b.x), Math.max(a.x, b.x)];
   const [south, north] = [Math.min(a.y, b.y), Math.max(a.y, b.y)];
   const [dx, dy] = [b.x - a.x, b.y - a.y];

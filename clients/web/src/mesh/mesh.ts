@@ -16,6 +16,34 @@ export interface Vertex extends Post {
 /** A bintree triangle: its right-angled corner, and the ends of its base. Kept only as long as the call it is given to. */
 export type Triangle = (apex: Vertex, e0: Vertex, e1: Vertex) => void;
 
+/** Whether a triangle, and with it all below it, is left out of a walk. */
+export type Dismiss = (apex: Post, e0: Post, e1: Post) => boolean;
+
+/** Whatever has triangles that can be walked. */
+export interface Walkable {
+  readonly grid: Grid;
+  readonly triangleCount: number;
+  walk(visit: Triangle, isApart?: Dismiss): void;
+}
+
+/** Walks the triangles that follow from posts with heights, by their keys. */
+export function descend(grid: Grid, heights: ReadonlyMap<number, number>, visit: Triangle, isApart?: Dismiss): void {
+  const [sw, se, nw, ne] = grid.corners().map((p) => ({ ...p, z: heights.get(grid.key(p.i, p.j)) ?? 0 }));
+  if (!sw || !se || !nw || !ne) return;
+  const down = (apex: Vertex, e0: Vertex, e1: Vertex): void => {
+    if (isApart?.(apex, e0, e1)) return;
+    const i = (e0.i + e1.i) / 2;
+    const j = (e0.j + e1.j) / 2;
+    const z = Number.isInteger(i) && Number.isInteger(j) ? heights.get(grid.key(i, j)) : undefined;
+    if (z === undefined) return visit(apex, e0, e1);
+    const middle = { i, j, z };
+    down(middle, apex, e0);
+    down(middle, e1, apex);
+  };
+  down(se, sw, ne);
+  down(nw, ne, sw);
+}
+
 /** What a frame says of its mesh. */
 export interface Claim {
   readonly payload: Uint8Array;
@@ -24,7 +52,7 @@ export interface Claim {
   readonly hash: bigint;
 }
 
-export class Mesh implements Base {
+export class Mesh implements Base, Walkable {
   private heights = new Map<number, number>();
   private sum = 0n;
   private count = 2;
@@ -48,6 +76,11 @@ export class Mesh implements Base {
 
   height(i: number, j: number): number | undefined {
     return this.heights.get(this.grid.key(i, j));
+  }
+
+  /** Heights of the active posts by their keys, as they are now. */
+  snapshot(): Map<number, number> {
+    return new Map(this.heights);
   }
 
   /** All active posts, in no order. */
@@ -87,21 +120,8 @@ export class Mesh implements Base {
    * Visits the triangles in the order of the hierarchy, leaving out those below a triangle that `isApart` dismisses. In
    * plan apex, e0, e1 turn clockwise.
    */
-  walk(visit: Triangle, isApart?: (apex: Post, e0: Post, e1: Post) => boolean): void {
-    const [sw, se, nw, ne] = this.grid.corners().map((p) => ({ ...p, z: this.height(p.i, p.j) ?? 0 }));
-    if (!sw || !se || !nw || !ne) return;
-    const descend = (apex: Vertex, e0: Vertex, e1: Vertex): void => {
-      if (isApart?.(apex, e0, e1)) return;
-      const i = (e0.i + e1.i) / 2;
-      const j = (e0.j + e1.j) / 2;
-      const z = Number.isInteger(i) && Number.isInteger(j) ? this.heights.get(this.grid.key(i, j)) : undefined;
-      if (z === undefined) return visit(apex, e0, e1);
-      const middle = { i, j, z };
-      descend(middle, apex, e0);
-      descend(middle, e1, apex);
-    };
-    descend(se, sw, ne);
-    descend(nw, ne, sw);
+  walk(visit: Triangle, isApart?: Dismiss): void {
+    descend(this.grid, this.heights, visit, isApart);
   }
 
   private reset(): void {

@@ -4,7 +4,7 @@
  */
 
 import { type Point, walkUnder } from "./line";
-import type { Mesh, Vertex } from "./mesh";
+import type { Vertex, Walkable } from "./mesh";
 
 /** A stretch of AB over one triangle: `from` <= `to` as parts of AB, and the height of the mesh at both. */
 export interface Piece {
@@ -15,7 +15,7 @@ export interface Piece {
 }
 
 /** The mesh under AB inside the grid, from A to B. */
-export function section(mesh: Mesh, a: Point, b: Point): Piece[] {
+export function section(mesh: Walkable, a: Point, b: Point): Piece[] {
   const pieces: Piece[] = [];
   walkUnder(mesh, a, b, (apex, e0, e1) => {
     const piece = cut(a, b, apex, e0, e1, mesh.grid.nx - 1, mesh.grid.ny - 1);
@@ -25,7 +25,7 @@ export function section(mesh: Mesh, a: Point, b: Point): Piece[] {
 }
 
 /** The part of AB at which it first goes below the mesh. */
-export function firstBelow(mesh: Mesh, a: Point, b: Point): number | undefined {
+export function firstBelow(mesh: Walkable, a: Point, b: Point): number | undefined {
   let first: number | undefined;
   walkUnder(mesh, a, b, (apex, e0, e1) => {
     const piece = cut(a, b, apex, e0, e1, mesh.grid.nx - 1, mesh.grid.ny - 1);
@@ -40,7 +40,7 @@ export function firstBelow(mesh: Mesh, a: Point, b: Point): number | undefined {
 }
 
 /** Height of the mesh at a place of the plan; undefined beyond the grid. */
-export function heightAt(mesh: Mesh, x: number, y: number): number | undefined {
+export function heightAt(mesh: Walkable, x: number, y: number): number | undefined {
   const here = { x, y, z: 0 };
   return section(mesh, here, here)[0]?.z0;
 }

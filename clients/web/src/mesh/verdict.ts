@@ -11,7 +11,7 @@
  */
 
 import { type Point, ROUNDING, TINY, walkUnder } from "./line";
-import type { Mesh, Vertex } from "./mesh";
+import type { Vertex, Walkable } from "./mesh";
 
 export type MeshVerdict = "VISIBLE" | "BLOCKED";
 
@@ -22,7 +22,7 @@ export interface Rungs {
 }
 
 /** The exact verdict of AB on `mesh`; ends in the grid frame. */
-export function verdictOnMesh(mesh: Mesh, a: Point, b: Point, rungs: Rungs = { filtered: 0, exact: 0 }): MeshVerdict {
+export function verdictOnMesh(mesh: Walkable, a: Point, b: Point, rungs: Rungs = { filtered: 0, exact: 0 }): MeshVerdict {
   const line = new Line(a, b, rungs);
   const { nx, ny } = mesh.grid;
   let isBlocked = false;

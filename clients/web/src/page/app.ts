@@ -16,7 +16,7 @@ import { Errors } from "./errors";
 import type { Which } from "./handles";
 import { COLOURS, stated } from "./judge";
 import { viewshed } from "./overlay";
-import { type Host, Pane } from "./pane";
+import { type Host, Pane, type Region } from "./pane";
 import { plot } from "./profile";
 import { type Start, scatter } from "./start";
 import { Table } from "./table";
@@ -45,6 +45,9 @@ export class App implements Host {
   private isWired = true;
   private seed = 7;
   private nextId: bigint;
+  /** A disc around the selected target in which meshes are finer. */
+  private interest: { weight: number; radius: number } | undefined;
+  private isMorphing = false;
   private overlay: Overlay | undefined;
   private overlayRadius: number | undefined;
   private overlayCall = new AbortController();
@@ -103,10 +106,12 @@ export class App implements Host {
     this.panes.splice(place < 0 ? this.panes.length : place, 0, pane);
     byId("panes").insertBefore(pane.element, this.panes[this.panes.indexOf(pane) + 1]?.element ?? null);
     pane.wireframe = this.isWired;
+    pane.morphing = this.isMorphing;
     pane.overlay = this.overlay;
     pane.begin();
     if (this.showsErrors) pane.recolour();
     pane.view.wish.leaseOwner = this.exercise.owner;
+    pane.followRegion();
     void this.watch.add(pane.view);
     this.judged();
   }
@@ -150,6 +155,11 @@ export class App implements Host {
   set errorsShown(isShown: boolean) {
     this.showsErrors = isShown;
     for (const pane of this.panes) pane.recolour();
+  }
+
+  set morphing(isMorphing: boolean) {
+    this.isMorphing = isMorphing;
+    for (const pane of this.panes) pane.morphing = isMorphing;
   }
 
   // --- sight lines
@@ -251,6 +261,22 @@ export class App implements Host {
     this.followSelected();
   }
 
+  // --- region of interest
+
+  /** Asks for finer meshes around the target of the selected line; undefined: no longer. */
+  setInterest(interest: { weight: number; radius: number } | undefined): void {
+    this.interest = interest;
+    for (const pane of this.panes) pane.followRegion();
+  }
+
+  /** The region of interest as it is now, in the scene frame. */
+  get region(): Region | undefined {
+    const target = this.selected === undefined ? undefined : this.exercise.stated.get(this.selected)?.resolved?.b;
+    if (!this.interest || !target) return undefined;
+    const { scale } = this.space;
+    return { ...this.interest, east: target.x * scale.x, north: target.y * scale.y };
+  }
+
   // --- Host
 
   judged(): void {
@@ -318,6 +344,7 @@ export class App implements Host {
       this.enquire(line);
     }
     this.followViewshed();
+    for (const pane of this.panes) pane.followRegion();
   }
 
   private readonly enquire = latest(async (line: SightLineState) => {

@@ -2,6 +2,7 @@
 
 import { Fidelity } from "../generated/sightline/v1/exercise_pb";
 import type { OwnLine } from "../server/exercise";
+import { isSoftware } from "../draw/picture";
 import type { App } from "./app";
 import { byId, fromSlider, metres, toSlider } from "./dom";
 import { greatestRadius } from "./overlay";
@@ -14,6 +15,7 @@ const FIDELITIES = [
 ] as const;
 const DISTANCE_M = [10, 2_000] as const;
 const LEAST_RADIUS_M = 500;
+const INTEREST_RADIUS_M = [100, 20_000] as const;
 
 const GREATEST_HEIGHT_M = 500;
 
@@ -36,7 +38,11 @@ export function wire(app: App): void {
   check("linked", (on) => (app.linked = on));
   check("wire", (on) => (app.wireframe = on));
   check("show-errors", (on) => (app.errorsShown = on));
+  check("morph", (on) => (app.morphing = on));
+  // Where the processor draws, or motion is not wanted, posts jump unless somebody says otherwise.
+  if (!isSoftware() && !matchMedia("(prefers-reduced-motion: reduce)").matches) byId("morph").click();
   viewshed(app);
+  interest(app);
   keys(app);
 }
 
@@ -100,6 +106,23 @@ function viewshed(app: App): void {
   apply();
 }
 
+/** Weights are powers of two. */
+function interest(app: App): void {
+  const box = byId<HTMLInputElement>("interest");
+  const weight = byId<HTMLInputElement>("weight");
+  const around = byId<HTMLInputElement>("interest-radius");
+  const apply = () => {
+    const times = 2 ** Number(weight.value);
+    const radius = fromSlider(Number(around.value), ...INTEREST_RADIUS_M);
+    byId("weight-row").hidden = byId("interest-radius-row").hidden = !box.checked;
+    byId("weight-text").textContent = `× ${times}`;
+    byId("interest-radius-text").textContent = metres(radius);
+    app.setInterest(box.checked ? { weight: times, radius } : undefined);
+  };
+  for (const input of [box, weight, around]) input.addEventListener("input", apply);
+  apply();
+}
+
 function keys(app: App): void {
   const toggle = (id: string) => byId<HTMLInputElement>(id).click();
   const actions: Readonly<Record<string, () => void>> = {
@@ -110,6 +133,8 @@ function keys(app: App): void {
     e: () => toggle("show-errors"),
     s: () => toggle("viewshed"),
     l: () => toggle("linked"),
+    m: () => toggle("morph"),
+    i: () => toggle("interest"),
     "[": () => app.step(-1),
     "]": () => app.step(1),
     "?": () => byId<HTMLDialogElement>("help").showModal(),

@@ -16,8 +16,9 @@ export function showCounters(pane: Pane, rates: { bytes: number; pictures: numbe
   const wrong = [...pane.judgements.values()].filter((j) => j.isWrong && j.lacking === undefined).length;
   const named = isPlain ? 0 : (scene?.unsatisfied.size ?? 0);
   const bound = scene?.frame?.distortionBoundPx ?? NaN;
+  const heldBack = scene?.frame?.heldBackMs ?? 0;
   Object.assign(element.dataset, {
-    mode: isPlain ? "plain" : "kept", budget: pane.budget, triangles, frames, epoch: scene?.frame?.epoch ?? 0, wrong, named,
+    mode: isPlain ? "plain" : "kept", budget: pane.budget, aim: pane.aimPx, bound, heldBack, triangles, frames, epoch: scene?.frame?.epoch ?? 0, wrong, named,
   });
   for (const mode of element.querySelectorAll<HTMLElement>(".modes button")) {
     mode.setAttribute("aria-checked", String((mode.dataset["mode"] === "plain") === isPlain));
@@ -34,9 +35,10 @@ export function showCounters(pane: Pane, rates: { bytes: number; pictures: numbe
   within(element, ".counters").replaceChildren(...(trouble ? [make("span", trouble, "blocked")] : [
     item(count(triangles), "triangles"),
     item(Number.isFinite(bound) ? bound.toFixed(bound < 10 ? 2 : 0) : "∞", "px bound", "", "No point of the terrain in the picture is drawn further off than this"),
-    item(bytes(rates.bytes), "a second", "bytes"),
+    item(`${bytes(rates.bytes)}/s`, "", "bytes", "Bytes of messages received in a second"),
+    ...(heldBack > 0 ? [item(count(heldBack), "ms held", "held", "How long the last frame was due and held back by the pace")] : []),
     item(count(named), "unsatisfied", named > 0 ? "named" : "", "Lines that the frame names as too dear for the budget"),
     item(count(wrong), "told wrongly", wrong > 0 ? "wrong" : "", "Lines that come out otherwise on this mesh than on the terrain, without being named"),
-    item(count(rates.pictures), "pictures a second", "rate", "Drawn only when something changes"),
+    item(count(rates.pictures), "pictures/s", "rate", "Drawn only when something changes"),
   ]));
 }

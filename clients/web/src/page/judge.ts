@@ -17,7 +17,7 @@ export interface Judged {
   readonly onMesh: MeshVerdict | undefined;
   /** Whether it comes out otherwise than on the terrain. */
   readonly isWrong: boolean;
-  /** Whether the frame names it as too dear, and the triangles that it lacked then. */
+  /** Whether the frame names it as too dear, and the triangles that it asked for then. */
   readonly lacking: number | undefined;
 }
 

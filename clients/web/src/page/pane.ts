@@ -3,11 +3,12 @@
 import { create } from "@bufbuild/protobuf";
 import { Orbit } from "../draw/orbit";
 import { ERROR_COLOURS, ERROR_STEPS_M, type Overlay } from "../draw/ground";
+import { Morph, type Segment } from "../draw/morph";
 import { NEAR_M, Picture, TAN_HALF_FOV } from "../draw/picture";
 import { type Space, lengthM } from "../draw/space";
 import type { Stroke } from "../draw/strokes";
 import type { SightLineState } from "../generated/sightline/v1/exercise_pb";
-import { PoseSchema, ViewSettingsSchema } from "../generated/sightline/v1/scene_pb";
+import { PaceSchema, PoseSchema, RegionOfInterestSchema, ViewSettingsSchema } from "../generated/sightline/v1/scene_pb";
 import type { Point } from "../mesh/line";
 import { type Piece, firstBelow, section } from "../mesh/section";
 import type { OwnExercise } from "../server/exercise";
@@ -19,6 +20,23 @@ import { listen } from "./gestures";
 import { Handles, type Which } from "./handles";
 import { COLOURS, type Judged, WORDS, judge, stated } from "./judge";
 
+/** How long posts slide, in milliseconds, and the most lines under which they are kept still. */
+const MORPH_MS = 350;
+const MAX_STILL_LINES = 300;
+
+/** What the extras of a view offer: a distortion in pixels, frames and bytes a second; 0: not so. */
+const AIMS_PX = [0, 0.5, 1, 2, 4, 8, 16];
+const RATES_HZ = [0, 30, 10, 5, 2, 1];
+const BANDWIDTHS = [0, 100_000, 20_000, 5_000, 2_000];
+
+/** A disc in the scene frame in which distortion counts `weight` times. */
+export interface Region {
+  readonly east: number;
+  readonly north: number;
+  readonly radius: number;
+  readonly weight: number;
+}
+
 /** A click this near to a line selects it, in pixels. */
 const NEAR_PX = 7;
 
@@ -29,6 +47,7 @@ export interface Host {
   readonly errors: Errors;
   readonly selected: bigint | undefined;
   readonly showsErrors: boolean;
+  readonly region: Region | undefined;
   /** The camera of a pane has moved by hand. */
   moved(pane: Pane): void;
   clicked(at: Point): void;
@@ -47,13 +66,20 @@ export class Pane {
   readonly picture: Picture;
   judgements = new Map<bigint, Judged>();
   isPlain = false;
+  /** Distortion aimed for, in pixels, with at most `budget` triangles; 0: as good as the budget allows. */
+  aimPx = 0;
 
   private readonly canvas: HTMLCanvasElement;
   private readonly handles: Handles;
   private readonly resizing: ResizeObserver;
   private viewport = { width: 1, height: 1 };
+  private region: Region | undefined;
+  private isOverlaid = false;
+  private isMorphing = false;
+  private morph: Morph | undefined;
   private isMeshNew = false;
   private isUpdateDue = false;
+  private isSlideDue = false;
   private judgedHash: bigint | undefined;
   private trouble = "";
   private rates = { bytes: 0, pictures: 0 };
@@ -127,11 +153,31 @@ export class Pane {
 
   set overlay(overlay: Overlay | undefined) {
     this.picture.ground.overlay = overlay;
+    this.isOverlaid = overlay !== undefined;
+    this.showLegend();
     this.picture.draw();
   }
 
   set wireframe(isShown: boolean) {
     this.picture.ground.wire = isShown ? 0.3 : 0;
+    this.picture.draw();
+  }
+
+  set morphing(isMorphing: boolean) {
+    this.isMorphing = isMorphing;
+    this.morph = undefined;
+    this.isMeshNew = true;
+    this.update();
+  }
+
+  /** Asks for the page's region of interest, and shows where it is. */
+  followRegion(): void {
+    const { region, space } = this.host;
+    if (JSON.stringify(region) === JSON.stringify(this.region)) return;
+    this.region = region;
+    const at = region && space.localFromGrid({ x: region.east / space.scale.x, y: region.north / space.scale.y, z: 0 });
+    this.picture.ground.ring = at && { x: at.x, y: at.y, radius: region.radius };
+    this.changeSettings();
     this.picture.draw();
   }
 
@@ -142,7 +188,8 @@ export class Pane {
     requestAnimationFrame(() => {
       this.isUpdateDue = false;
       this.judge();
-      if (this.isMeshNew) this.takeMesh();
+      // Lines may have moved over what slides.
+      if (this.isMeshNew || this.morph?.isStill(performance.now()) === false) this.takeMesh();
       this.drawLines();
       this.host.judged();
       this.picture.draw();
@@ -153,15 +200,25 @@ export class Pane {
   recolour(): void {
     this.isMeshNew = true;
     this.update();
-    const legend = within(this.element, ".legend");
-    legend.hidden = !this.host.showsErrors;
-    legend.replaceChildren("height error", ...ERROR_STEPS_M.map((step, n) => {
-      const entry = make("span", n === 0 ? `≤ ${step} m` : `${step} m`);
+    this.showLegend();
+  }
+
+  private showLegend(): void {
+    const entry = (text: string, colour: string) => {
+      const it = make("span", text);
       const patch = make("i");
-      patch.style.background = ERROR_COLOURS[n] ?? "";
-      entry.prepend(patch);
-      return entry;
-    }));
+      patch.style.background = colour;
+      it.prepend(patch);
+      return it;
+    };
+    const errors = ERROR_STEPS_M.map((step, n) => entry(n === 0 ? `≤ ${step} m` : `${step} m`, ERROR_COLOURS[n] ?? ""));
+    const parts = [
+      ...(this.host.showsErrors ? ["height error", ...errors] : []),
+      ...(this.isOverlaid ? [entry("seen", "#ffd27f"), entry("not seen", "#2f2b4a")] : []),
+    ];
+    const legend = within(this.element, ".legend");
+    legend.hidden = parts.length === 0;
+    legend.replaceChildren(...parts);
   }
 
   sectionOf(a: Point, b: Point): Piece[] {
@@ -193,6 +250,7 @@ export class Pane {
     const slider = within<HTMLInputElement>(element, ".budget input");
     slider.setAttribute("aria-label", `Triangles of view ${this.letter}`);
     slider.addEventListener("input", () => this.setBudget(niceBudget(fromSlider(Number(slider.value), LEAST_BUDGET, GREATEST_BUDGET, BUDGET_STEPS))));
+    this.wireExtras();
     within(element, ".close").addEventListener("click", () => host.close(this));
     listen(this.canvas, {
       turn: (dx, dy) => {
@@ -220,6 +278,34 @@ export class Pane {
       },
     });
     this.canvas.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  private wireExtras(): void {
+    const { element } = this;
+    const extras = within<HTMLElement>(element, ".extras");
+    const more = within<HTMLButtonElement>(element, ".more");
+    more.setAttribute("aria-label", `Target and pace of view ${this.letter}`);
+    more.addEventListener("click", () => {
+      extras.hidden = !extras.hidden;
+      more.setAttribute("aria-expanded", String(!extras.hidden));
+    });
+    const choice = (selector: string, values: readonly number[], text: (value: number) => string, take: (value: number) => void) => {
+      const select = within<HTMLSelectElement>(element, selector);
+      select.replaceChildren(...values.map((value) => {
+        const option = make("option", text(value));
+        option.value = String(value);
+        return option;
+      }));
+      select.addEventListener("change", () => take(Number(select.value)));
+      return () => Number(select.value);
+    };
+    choice(".aim", AIMS_PX, (px) => (px === 0 ? "the whole budget" : `≤ ${px} px`), (px) => {
+      this.aimPx = px;
+      this.changeSettings();
+    });
+    const takePace = () => this.view.changePace(create(PaceSchema, { maxRateHz: rate(), maxBytesPerS: BigInt(bandwidth()) }));
+    const rate = choice(".rate", RATES_HZ, (hz) => (hz === 0 ? "on every change" : `≤ ${hz} a second`), takePace);
+    const bandwidth = choice(".bandwidth", BANDWIDTHS, (bytes) => (bytes === 0 ? "no limit" : `≤ ${bytes / 1000} kB a second`), takePace);
   }
 
   private key(event: KeyboardEvent): void {
@@ -268,7 +354,10 @@ export class Pane {
       projection: { case: "perspective", value: { tanHalfFov: TAN_HALF_FOV, nearM: NEAR_M } },
       viewportWidthPx: width,
       viewportHeightPx: height,
-      target: { case: "triangleBudget", value: { triangles: this.budget } },
+      target: this.aimPx > 0
+        ? { case: "screenError", value: { pixels: this.aimPx, maxTriangles: this.budget } }
+        : { case: "triangleBudget", value: { triangles: this.budget } },
+      regions: this.region ? [create(RegionOfInterestSchema, { eastM: this.region.east, northM: this.region.north, radiusM: this.region.radius, weight: this.region.weight })] : [],
       subscription: { lines: this.isPlain ? { case: "none", value: {} } : { case: "all", value: {} } },
     });
   }
@@ -311,6 +400,13 @@ export class Pane {
     this.isMeshNew = false;
     const { errors, showsErrors } = this.host;
     this.picture.ground.showsError = showsErrors;
+    const lines = this.isMorphing && !showsErrors ? this.still() : undefined;
+    if (lines) {
+      if (this.morph) this.morph.advance(mesh, lines, performance.now());
+      else this.morph = new Morph(mesh, MORPH_MS);
+      return this.slide();
+    }
+    this.morph = undefined;
     this.picture.ground.take(mesh, showsErrors ? (e0, e1) => errors.of(mesh, e0, e1) : undefined);
     if (showsErrors) {
       errors.fetch(mesh).then((isNew) => {
@@ -318,6 +414,28 @@ export class Pane {
         this.isMeshNew = true;
         this.update();
       }, () => undefined);
+    }
+  }
+
+  /** The lines under which nothing may slide; undefined when they are too many. */
+  private still(): Segment[] | undefined {
+    if (this.judgements.size > MAX_STILL_LINES) return undefined;
+    return [...this.judgements.values()].flatMap(({ line: { resolved } }) => (resolved?.a && resolved.b ? [{ a: resolved.a, b: resolved.b }] : []));
+  }
+
+  /** Draws posts on their way, picture by picture, until they have come. */
+  private slide(): void {
+    const { morph } = this;
+    if (!morph) return;
+    const now = performance.now();
+    this.picture.ground.take(morph.drawn(now));
+    this.picture.draw();
+    if (!morph.isStill(now) && !this.isSlideDue) {
+      this.isSlideDue = true;
+      requestAnimationFrame(() => {
+        this.isSlideDue = false;
+        this.slide();
+      });
     }
   }
 
@@ -370,7 +488,7 @@ export class Pane {
     verdict.dataset["onMesh"] = onMesh;
     const mesh = make("b", WORDS[onMesh].toUpperCase());
     const rest = isNamed
-      ? ` on this mesh, and named: the budget is too small${lacking > 0 ? ` by ${count(lacking)} triangles or more` : ""}`
+      ? ` on this mesh, and named: ${lacking > 0 ? `it asks for ${count(lacking)} triangles more than the lines before it` : "no mesh can help it"}`
       : isWrong
         ? ` on this mesh — wrong: it is ${WORDS[stated(line)]}`
         : ` on this mesh, ${stated(line) === "UNKNOWN" ? "unknown ground below" : "as on the terrain"} · ${metres(lengthM(space, a, b))}`;

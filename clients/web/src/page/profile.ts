@@ -26,6 +26,8 @@ export function plot(plotted: Plotted | undefined): void {
   svg.replaceChildren();
   key.replaceChildren();
   if (!plotted) return;
+  showKey(key, plotted);
+  // With the key in place: what it leaves is what there is to draw on.
   const { clientWidth: width, clientHeight: height } = svg;
   if (width < 80 || height < 50) return;
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
@@ -66,6 +68,9 @@ export function plot(plotted: Plotted | undefined): void {
   add("circle", { cx: x(0), cy: y(a.z), r: 4, fill: "#fff" });
   add("circle", { cx: x(1), cy: y(b.z), r: 4, fill: "#fff" });
   if (t !== undefined) add("circle", { cx: x(t), cy: y(a.z + t * (b.z - a.z)), r: 5, fill: "#10171c", stroke: plotted.colour, "stroke-width": 2.5 });
+}
+
+function showKey(key: HTMLElement, { meshes, colour: ray }: Plotted): void {
   const entry = (text: string, colour: string, isDashed: boolean) => {
     const item = make("span", text);
     const mark = make("i", "", isDashed ? "dashed" : "");
@@ -75,7 +80,7 @@ export function plot(plotted: Plotted | undefined): void {
   };
   entry("exact ground", "#b9c8ae", false);
   for (const { name, colour } of meshes) entry(`mesh of view ${name}`, colour, true);
-  entry("sight line", plotted.colour, false);
+  entry("sight line", ray, false);
 }
 
 /** The known stretches of the ground: their upper edge as a path, and the rest of their outline. */

@@ -7,7 +7,7 @@
 
 import { create, toBinary } from "@bufbuild/protobuf";
 import {
-  OpenViewSchema, type Pose, RequestSnapshotSchema, SteerViewSchema, type StreamSceneResponse, StreamSceneResponseSchema,
+  OpenViewSchema, type Pace, type Pose, RequestSnapshotSchema, SteerViewSchema, type StreamSceneResponse, StreamSceneResponseSchema,
   type ViewSettings, type WatchedViewClosed,
 } from "../generated/sightline/v1/scene_pb";
 import { Scene } from "../scene";
@@ -20,6 +20,8 @@ export interface Wish {
   leaseOwner?: string;
   pose: Pose;
   settings: ViewSettings;
+  /** Absent: a frame on every change. */
+  pace?: Pace;
 }
 
 /** Told after each change; the scene is up to date then. */
@@ -42,6 +44,7 @@ export class WatchedView {
   private poseSequence = 0n;
   private hasNewPose = false;
   private hasNewSettings = false;
+  private hasNewPace = false;
   private toAcknowledge = false;
   private lostAt: bigint | undefined;
   private isTelling = false;
@@ -59,7 +62,7 @@ export class WatchedView {
   /** Opens the view on a watch, with its last pose and settings; the first frame is a snapshot. */
   async open(server: Server, watchId: string, viewId: bigint): Promise<void> {
     [this.poseSequence, this.frames, this.lostAt] = [0n, 0, undefined];
-    this.hasNewPose = this.hasNewSettings = this.toAcknowledge = false;
+    this.hasNewPose = this.hasNewSettings = this.hasNewPace = this.toAcknowledge = false;
     this.at = { server, watchId, viewId };
     try {
       const open = create(OpenViewSchema, this.wish);
@@ -92,6 +95,13 @@ export class WatchedView {
     void this.tell();
   }
 
+  /** Changes how often frames come and how many bytes. */
+  changePace(pace: Pace): void {
+    this.wish.pace = pace;
+    this.hasNewPace = true;
+    void this.tell();
+  }
+
   async close(): Promise<void> {
     const at = this.at;
     this.at = undefined;
@@ -103,7 +113,7 @@ export class WatchedView {
     this.bytes += toBinary(StreamSceneResponseSchema, message).length;
     const { response } = message;
     if (response.case === "opened") {
-      this.scene = new Scene(response.value, budget(this.wish.settings), this.wish.exercise !== "");
+      this.scene = new Scene(response.value, budget(this.wish.settings), this.wish.exercise !== "", this.scene);
       return;
     }
     if (!this.scene) return;
@@ -148,7 +158,7 @@ export class WatchedView {
           await server.scenes.tellWatchedView({ watchId, viewId, request: { case: "snapshot", value: snapshot } }, { timeoutMs: CALL_MS });
           continue;
         }
-        if (!this.hasNewPose && !this.hasNewSettings && !this.toAcknowledge) return;
+        if (!this.hasNewPose && !this.hasNewSettings && !this.hasNewPace && !this.toAcknowledge) return;
         await server.scenes.tellWatchedView({ watchId, viewId, request: { case: "steer", value: this.steering() } }, { timeoutMs: CALL_MS });
       }
     } catch (error) {
@@ -166,8 +176,9 @@ export class WatchedView {
       steer.pose = this.wish.pose;
     }
     if (this.hasNewSettings) steer.settings = this.wish.settings;
+    if (this.hasNewPace && this.wish.pace) steer.pace = this.wish.pace;
     steer.poseSequence = this.poseSequence;
-    this.hasNewPose = this.hasNewSettings = this.toAcknowledge = false;
+    this.hasNewPose = this.hasNewSettings = this.hasNewPace = this.toAcknowledge = false;
     return steer;
   }
 }
