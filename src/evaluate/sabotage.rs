@@ -119,15 +119,12 @@ impl Saboteur {
     }
 
     fn snapshot(&self, frame: &v1::Frame, mesh: &Replica) -> v1::Frame {
-        let names = self.truth.unsatisfied().iter();
         v1::Frame {
             base_sequence: 0,
             mesh: mesh.encode(None),
             triangle_count: mesh.triangle_count(),
             mesh_hash: mesh.hash(),
-            now_unsatisfied: names
-                .map(|(&id, &r)| v1::UnsatisfiedLine { id, reason: r.into(), lacking_triangles: 0 })
-                .collect(),
+            now_unsatisfied: self.truth.unsatisfied().values().copied().collect(),
             no_longer_unsatisfied: Vec::new(),
             ..frame.clone()
         }

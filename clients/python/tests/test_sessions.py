@@ -36,6 +36,8 @@ def held(scene: Scene) -> dict[str, Any]:
         "lines": list(map(str, verdicts)),
         "verdicts": "".join(LETTERS[v] for v in verdicts.values()),
         "unsatisfied": list(map(str, sorted(scene.unsatisfied))),
+        "lacking": [lacking for _, lacking in sorted(scene.unsatisfied.items())],
+        "off_ground": list(map(str, sorted(scene.off_ground))),
     }
 
 

@@ -5,7 +5,8 @@
 //! cargo run -p sightline-client --example record_session -- 127.0.0.1:7410 clients/conformance/voids.jsonl 150
 //! ```
 //!
-//! The flight makes an exercise of its own, moves entities, changes budget and subscription, asks for a snapshot. Each
+//! The flight makes an exercise of its own, some of whose entities ask for the ground that they stand on; it moves
+//! entities, changes budget and subscription, and asks for a snapshot. Each
 //! step waits for its frame, so the same server gives the same session.
 
 #[path = "../tests/session/mod.rs"]
@@ -122,7 +123,7 @@ fn entity(terrain: &v1::TerrainDescription, id: u64, place: u64) -> v1::Entity {
         position: Some(position),
         frame: v1::CoordinateFrame::Grid.into(),
         altitude: v1::AltitudeReference::AboveGround.into(),
-        ..Default::default()
+        ground_m: if id % 3 == 1 { 0.2 } else { 0.0 },
     }
 }
 

@@ -111,7 +111,7 @@ pub struct SceneState {
     lines_expected: bool,
     epoch: u64,
     lines: BTreeMap<u64, StatedLine>,
-    unsatisfied: BTreeMap<u64, v1::UnsatisfiedReason>,
+    unsatisfied: BTreeMap<u64, v1::UnsatisfiedLine>,
     off_ground: BTreeSet<u64>,
     last: LastFrame,
     changes: PostChanges,
@@ -220,7 +220,7 @@ impl SceneState {
     }
 
     /// The unsatisfied lines after a frame.
-    fn renamed(&self, frame: &v1::Frame) -> Result<BTreeMap<u64, v1::UnsatisfiedReason>, SceneError> {
+    fn renamed(&self, frame: &v1::Frame) -> Result<BTreeMap<u64, v1::UnsatisfiedLine>, SceneError> {
         let error = |id, what| Err(SceneError::Naming { sequence: frame.sequence, id, what });
         let mut names = if frame.base_sequence == 0 { BTreeMap::new() } else { self.unsatisfied.clone() };
         for &id in &frame.no_longer_unsatisfied {
@@ -232,7 +232,7 @@ impl SceneState {
             if line.id != EYE_LINE_ID && !self.lines.contains_key(&line.id) {
                 return error(line.id, "is not known");
             }
-            names.insert(line.id, line.reason());
+            names.insert(line.id, *line);
         }
         Ok(names)
     }
@@ -272,8 +272,9 @@ impl SceneState {
         &self.lines
     }
 
-    /// The lines that the last frame names as unsatisfied, by id; [`EYE_LINE_ID`] stands for the viewer's eye.
-    pub fn unsatisfied(&self) -> &BTreeMap<u64, v1::UnsatisfiedReason> {
+    /// The lines that the last frame names as unsatisfied, by id, with the reason and the triangles that they asked for;
+    /// [`EYE_LINE_ID`] stands for the viewer's eye.
+    pub fn unsatisfied(&self) -> &BTreeMap<u64, v1::UnsatisfiedLine> {
         &self.unsatisfied
     }
 
@@ -425,7 +426,8 @@ pub(crate) mod tests {
             vec![v1::UnsatisfiedLine { id: 7, reason: v1::UnsatisfiedReason::Budget.into(), lacking_triangles: 4 }];
         state.apply(&message(Response::Frame(low))).unwrap();
         assert!(state.silent_disagreements().is_empty());
-        assert_eq!(state.unsatisfied().keys().collect::<Vec<_>>(), [&7]);
+        let named: Vec<_> = state.unsatisfied().values().map(|line| (line.id, line.lacking_triangles)).collect();
+        assert_eq!(named, [(7, 4)]);
     }
 
     #[test]

@@ -28,6 +28,8 @@ export class Scene {
   readonly lines = new Map<bigint, SightLineState>();
   /** Lines named as not holding on this mesh, with the triangles that they asked for beside the lines before them. */
   unsatisfied: ReadonlyMap<bigint, number> = new Map();
+  /** Entities from whose ground this mesh is further off than they ask. */
+  offGround: ReadonlySet<bigint> = new Set();
   epoch = 0n;
   private readonly version: string;
   /** The last frame applied. */
@@ -100,6 +102,10 @@ export class Scene {
     const claim = { payload: frame.mesh, isSnapshot, triangles: frame.triangleCount, hash: frame.meshHash };
     this.mesh.apply(claim, this.maxTriangles);
     this.unsatisfied = unsatisfied;
+    const off = new Set(isSnapshot ? [] : this.offGround);
+    for (const id of frame.noLongerOffGround) off.delete(id);
+    for (const id of frame.nowOffGround) off.add(id);
+    this.offGround = off;
     this.frame = frame;
   }
 

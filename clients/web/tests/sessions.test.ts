@@ -29,6 +29,8 @@ function read(name: string): { scene: Scene; messages: { message: StreamSceneRes
 
 function held(scene: Scene): Record<string, unknown> {
   const verdicts = scene.verdicts();
+  const ascending = (p: bigint, q: bigint) => (p < q ? -1 : 1);
+  const named = [...scene.unsatisfied.keys()].sort(ascending);
   return {
     sequence: Number(scene.frame?.sequence),
     epoch: Number(scene.epoch),
@@ -36,7 +38,9 @@ function held(scene: Scene): Record<string, unknown> {
     hash: scene.mesh.hash.toString(16).padStart(16, "0"),
     lines: [...verdicts.keys()].map(String),
     verdicts: [...verdicts.values()].map((verdict) => verdict[0]).join(""),
-    unsatisfied: [...scene.unsatisfied.keys()].sort((p, q) => (p < q ? -1 : 1)).map(String),
+    unsatisfied: named.map(String),
+    lacking: named.map((id) => scene.unsatisfied.get(id)),
+    off_ground: [...scene.offGround].sort(ascending).map(String),
   };
 }
 

@@ -16,6 +16,8 @@ pub(crate) fn held(scene: &SceneState) -> Value {
         "lines": verdicts.iter().map(|(id, _)| id.to_string()).collect::<Vec<_>>(),
         "verdicts": verdicts.iter().map(|&(_, verdict)| letter(verdict)).collect::<String>(),
         "unsatisfied": scene.unsatisfied().keys().map(u64::to_string).collect::<Vec<_>>(),
+        "lacking": scene.unsatisfied().values().map(|line| line.lacking_triangles).collect::<Vec<_>>(),
+        "off_ground": scene.off_ground().iter().map(u64::to_string).collect::<Vec<_>>(),
     })
 }
 
