@@ -17,16 +17,16 @@ use std::{
 };
 
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction};
-use serde::{Deserialize, Serialize};
 
-use super::{ExerciseStore, MAX_EXERCISES, MemoryStore, State, StoreError, Stored};
+use super::{
+    ExerciseStore, MAX_EXERCISES, MemoryStore, State, StoreError, Stored,
+    rows::{FORMAT, Head, LeaseRow, Under},
+};
 use crate::{
     database::envelope::{self, Sealed},
     exercise::{
-        Anchor, Entity, Exercise, Granted, KeptLease, Lease, MAX_ENTITIES, MAX_LEASES, MAX_SIGHT_LINES, SightLine,
-        Site, Thing,
+        Entity, Exercise, Granted, KeptLease, Lease, MAX_ENTITIES, MAX_LEASES, MAX_SIGHT_LINES, SightLine, Site, Thing,
     },
-    roam::Fidelity,
     terrain::HeightField,
 };
 
@@ -45,29 +45,8 @@ const FILE: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("file");
 
 type Things = TableDefinition<'static, (u64, u64), &'static [u8]>;
 
-const FORMAT: u32 = 1;
 /// Greatest size of one row.
 const MAX_ROW_BYTES: usize = 1_024;
-
-/// What is kept of an exercise beside its entities and sight lines.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
-struct Head {
-    created: u64,
-    revision: u64,
-    epoch: u64,
-}
-
-/// What is kept of a lease beside its number.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-struct LeaseRow {
-    owner: String,
-    term_s: u32,
-    holds_exercise: bool,
-}
-
-/// The number of the lease that a thing is under.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
-struct Under(u64);
 
 /// Keeps exercises in a file and in memory.
 #[derive(Debug)]
@@ -324,73 +303,12 @@ fn decode<T: Sealed>(bytes: &[u8], what: &str) -> Result<T, StoreError> {
     envelope::open::<T, MAX_ROW_BYTES>(bytes).map_err(|_| damaged(what))
 }
 
-impl Sealed for Head {
-    const MAGIC: [u8; 8] = *b"SLxExerc";
-    const VERSION: u32 = FORMAT;
-
-    fn check(&self) -> Result<(), String> {
-        if self.created <= self.revision { Ok(()) } else { Err("it was made after its last change".into()) }
-    }
-}
-
-impl Sealed for LeaseRow {
-    const MAGIC: [u8; 8] = *b"SLxLease";
-    const VERSION: u32 = FORMAT;
-
-    fn check(&self) -> Result<(), String> {
-        Lease::new(&self.owner, self.term_s).map(|_| ()).map_err(|error| error.to_string())
-    }
-}
-
-impl Sealed for Under {
-    const MAGIC: [u8; 8] = *b"SLxUnder";
-    const VERSION: u32 = FORMAT;
-
-    fn check(&self) -> Result<(), String> {
-        Ok(())
-    }
-}
-
-impl Sealed for Entity {
-    const MAGIC: [u8; 8] = *b"SLxEntit";
-    const VERSION: u32 = FORMAT;
-
-    fn check(&self) -> Result<(), String> {
-        check_numbers(self.place.position.into_iter().chain(self.ground_m))?;
-        if self.ground_m.is_none_or(|ground_m| ground_m > 0.0) { Ok(()) } else { Err("ground_m is not above 0".into()) }
-    }
-}
-
-impl Sealed for SightLine {
-    const MAGIC: [u8; 8] = *b"SLxLine_";
-    const VERSION: u32 = FORMAT;
-
-    fn check(&self) -> Result<(), String> {
-        for anchor in [self.a, self.b] {
-            match anchor {
-                Anchor::Point(place) => check_numbers(place.position)?,
-                Anchor::Entity { offset_m, .. } => check_numbers([offset_m])?,
-            }
-        }
-        let distance_m = if let Fidelity::Obstruction { distance_m } = self.fidelity { distance_m } else { 0.0 };
-        let sizes = [Some(distance_m), self.range_m, self.region.map(|region| region.radius_m)];
-        check_numbers(self.region.into_iter().flat_map(|region| region.centre).chain(sizes.into_iter().flatten()))?;
-        if sizes.into_iter().flatten().any(|size| size < 0.0) || self.fidelity == Fidelity::Ground {
-            return Err("a distance is negative, or the fidelity is no line's".into());
-        }
-        Ok(())
-    }
-}
-
-fn check_numbers(numbers: impl IntoIterator<Item = f64>) -> Result<(), String> {
-    if numbers.into_iter().all(f64::is_finite) { Ok(()) } else { Err("a number is not finite".into()) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{
-        exercise::{Altitude, Change, Disc, Frame, Place},
+        exercise::{Altitude, Anchor, Change, Disc, Frame, Place},
+        roam::Fidelity,
         terrain::{MemoryField, SceneScale, synthetic},
     };
 

@@ -4,6 +4,7 @@
 //! that many servers could share a store. Nothing here knows how an exercise changes.
 
 mod disk;
+mod rows;
 
 use std::{
     collections::BTreeMap,
