@@ -27,6 +27,7 @@
 //! count.
 
 use std::{
+    cell::Cell,
     cmp::Ordering,
     ops::Neg,
     sync::atomic::{self, AtomicU64},
@@ -127,6 +128,7 @@ impl Kernel for Exact {
     #[inline]
     fn unsettled(_estimate: Sign, exact: impl FnOnce() -> Sign) -> Sign {
         EXACT_SIGNS.fetch_add(1, atomic::Ordering::Relaxed);
+        EXACT_SIGNS_HERE.set(EXACT_SIGNS_HERE.get() + 1);
         exact()
     }
 }
@@ -137,6 +139,15 @@ static EXACT_SIGNS: AtomicU64 = AtomicU64::new(0);
 /// How many signs no filter could settle since the process started: what the exact rung costs is seen here.
 pub fn exact_signs() -> u64 {
     EXACT_SIGNS.load(atomic::Ordering::Relaxed)
+}
+
+thread_local! {
+    static EXACT_SIGNS_HERE: Cell<u64> = const { Cell::new(0) };
+}
+
+/// The same of the calling thread alone: whether it grows tells whether what was asked in between took exact arithmetic.
+pub fn exact_signs_here() -> u64 {
+    EXACT_SIGNS_HERE.get()
 }
 
 /// The filter's rounded value decides, even where it is not certain: wrong near ties, for comparison only.

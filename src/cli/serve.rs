@@ -151,7 +151,8 @@ fn options(config: &Config) -> Result<Options, Failure> {
         }
     };
     let draining_time = std::time::Duration::from_secs_f64(config.draining_s);
-    Ok(Options { limits: config.limits, tokens, tls, draining_time, ..Options::default() })
+    let (limits, origins) = (config.limits, config.access.origins.clone());
+    Ok(Options { limits, tokens, tls, draining_time, origins, ..Options::default() })
 }
 
 /// Opens the listening socket, and says what address it has.

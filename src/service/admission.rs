@@ -9,16 +9,13 @@ use axum::{
     middleware::Next,
     response::Response,
 };
-use tonic::{
-    Code, Status,
-    body::Body,
-    transport::server::{TcpConnectInfo, TlsConnectInfo},
-};
+use tonic::{Code, Status, body::Body, transport::server::TlsConnectInfo};
 use tracing::Instrument;
 
 use super::{
     ServedTerrain, Shared,
     access::{self, Caller},
+    connections::Peer,
     limits::limited,
 };
 
@@ -74,11 +71,23 @@ pub(super) fn visitor(request: &Request) -> Caller {
     Caller::by_address(address(request))
 }
 
-fn address(request: &Request) -> Option<IpAddr> {
+/// The other end of the connection.
+fn peer(request: &Request) -> Option<&Peer> {
     let extensions = request.extensions();
-    let plain = extensions.get::<TcpConnectInfo>().and_then(TcpConnectInfo::remote_addr);
-    let secured = extensions.get::<TlsConnectInfo<TcpConnectInfo>>().and_then(|info| info.get_ref().remote_addr());
-    plain.or(secured).map(|peer| peer.ip())
+    let secured = || extensions.get::<TlsConnectInfo<Peer>>().map(TlsConnectInfo::get_ref);
+    extensions.get::<Peer>().or_else(secured)
+}
+
+fn address(request: &Request) -> Option<IpAddr> {
+    peer(request).map(Peer::ip)
+}
+
+/// The layer around everything: whatever is asked for, the connection is no silent one.
+pub(super) async fn hear(request: Request, next: Next) -> Response {
+    if let Some(peer) = peer(&request) {
+        peer.called();
+    }
+    next.run(request).await
 }
 
 fn request_id(headers: &HeaderMap, new: impl FnOnce() -> String) -> HeaderValue {

@@ -2,12 +2,12 @@
 //!
 //! A setting `limits.views` of the file is `SIGHTLINE__LIMITS__VIEWS` in the environment (two underscores, since
 //! orchestrators put variables with one of their own there). What is in neither the file nor the environment has its
-//! default; a name that no setting has is an error in both.
+//! default; a name that no setting has is an error in both. A list stands in the environment with commas between.
 
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::Limits;
+use super::{Limits, origins};
 
 /// Beginning of the environment variables that are settings.
 pub const ENVIRONMENT_PREFIX: &str = "SIGHTLINE__";
@@ -65,6 +65,8 @@ pub struct TlsFiles {
 pub struct AccessFiles {
     /// File of tokens; empty: everyone may do everything.
     pub tokens: String,
+    /// Other origins whose pages may call from a browser, such as `https://viewer.example`; `*`: all.
+    pub origins: Vec<String>,
 }
 
 impl Default for Config {
@@ -104,6 +106,7 @@ impl Config {
     /// Says what makes no sense.
     pub fn check(&self) -> Result<(), String> {
         self.limits.check()?;
+        origins::check(&self.access.origins)?;
         if !(0.0..=3_600.0).contains(&self.draining_s) {
             return Err(format!("draining_s is {}; it must be from 0 to 3600", self.draining_s));
         }
@@ -138,6 +141,10 @@ fn overrule(table: &mut Table, known: &Table, path: &[String], text: &str) -> Re
                 Value::Integer(_) => Value::Integer(text.parse().map_err(|_| format!("'{text}' is no whole number"))?),
                 Value::Float(_) => Value::Float(text.parse().map_err(|_| format!("'{text}' is no number"))?),
                 Value::String(_) => Value::String(text.to_owned()),
+                Value::Array(_) => {
+                    let parts = text.split(',').map(str::trim).filter(|part| !part.is_empty());
+                    Value::Array(parts.map(|part| Value::String(part.to_owned())).collect())
+                }
                 _ => return Err("it names a group of settings".into()),
             };
             table.insert(first.clone(), value);
@@ -163,6 +170,9 @@ mod tests {
         assert_eq!((config.limits.views, config.limits.triangles, config.listen.as_str()), (8, 9_000, "a"));
         assert_eq!(config.limits.batch_lines, Limits::default().batch_lines);
         assert_eq!(Config::read(None, std::iter::empty()), Ok(Config::default()));
+        let list = read("", &[("SIGHTLINE__ACCESS__ORIGINS", "https://a.example, http://b:1")]).unwrap();
+        assert_eq!(list.access.origins, ["https://a.example", "http://b:1"]);
+        assert_eq!(read("[access]\norigins = [\"https://a.example\", \"http://b:1\"]\n", &[]).unwrap(), list);
         // What is printed says the same.
         assert_eq!(read(&config.print().unwrap(), &[]).unwrap(), config);
     }
@@ -181,6 +191,7 @@ mod tests {
             ("[tls]\nclient_authorities = \"k\"\n", &[], "needs tls.certificate"),
             ("record_limit_mib = 0\n", &[], "record_limit_mib"),
             ("log = \"xml\"\n", &[], "xml"),
+            ("[access]\norigins = [\"https://a.example/\"]\n", &[], "access.origins"),
         ] {
             let error = read(text, environment).unwrap_err();
             assert!(error.contains(words), "'{words}' in: {error}");

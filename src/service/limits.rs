@@ -45,6 +45,8 @@ pub struct Limits {
     pub request_bytes: usize,
     /// Lines of one batch; at most 250,000.
     pub batch_lines: usize,
+    /// Seconds for which a connection may say nothing before its first call, from 0.1 to 86,400; then it is ended.
+    pub silence_s: f64,
     /// Calls in a second, streams counted once.
     pub calls_per_s: u32,
     /// Calls of one client in a second.
@@ -65,6 +67,7 @@ impl Default for Limits {
             things_per_exercise: 120_000,
             request_bytes: MAX_REQUEST_BYTES,
             batch_lines: MAX_BATCH_LINES,
+            silence_s: 30.0,
             calls_per_s: 50_000,
             calls_per_s_per_client: 20_000,
         }
@@ -91,6 +94,9 @@ impl Limits {
         ];
         if let Some((name, _)) = least.iter().find(|(_, value)| *value == 0) {
             return Err(format!("limits.{name} is 0: nothing could be served"));
+        }
+        if !(0.1..=86_400.0).contains(&self.silence_s) {
+            return Err(format!("limits.silence_s is {}; it must be from 0.1 to 86400", self.silence_s));
         }
         let most = [
             ("triangles_per_view", u64::from(self.triangles_per_view), u64::from(MAX_TRIANGLES)),
@@ -401,5 +407,9 @@ mod tests {
         assert!(Limits { views: 0, ..Limits::default() }.check().unwrap_err().contains("limits.views is 0"));
         let vast = Limits { batch_lines: MAX_BATCH_LINES + 1, ..Limits::default() };
         assert!(vast.check().unwrap_err().contains("limits.batch_lines"));
+        for silence_s in [0.0, f64::NAN, 1e9] {
+            let limits = Limits { silence_s, ..Limits::default() };
+            assert!(limits.check().unwrap_err().contains("limits.silence_s"));
+        }
     }
 }

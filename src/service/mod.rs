@@ -20,6 +20,7 @@ mod leases;
 mod limits;
 mod lines_of_sight;
 mod operation;
+mod origins;
 mod pages;
 mod scenes;
 mod serve;

@@ -23,7 +23,7 @@ use tonic_web::GrpcWebLayer;
 
 use super::{
     Clock, DRAINING_TIME, KEEPALIVE_TIME, Limits, SERVICE_NAMES, ServedTerrain, Service, Shared, Tokens, admission,
-    connections, health::LOOKING_TIME, leases, pages, stopped, viewer,
+    connections, health::LOOKING_TIME, leases, origins, pages, stopped, viewer,
 };
 use crate::{
     session::journal::{Journal, JournalEnd},
@@ -88,6 +88,8 @@ pub struct Options {
     pub draining_time: Duration,
     /// By which leases run out.
     pub clock: Clock,
+    /// Other origins whose pages may call, such as `https://viewer.example`; `*`: all.
+    pub origins: Vec<String>,
 }
 
 impl Default for Options {
@@ -100,6 +102,7 @@ impl Default for Options {
             recording: None,
             draining_time: DRAINING_TIME,
             clock: Clock::default(),
+            origins: Vec::new(),
         }
     }
 }
@@ -119,6 +122,9 @@ pub enum ServeError {
     /// Certificates or keys.
     #[error("the certificate, its key or the clients' authorities: {0}")]
     Tls(String),
+    /// An origin that is none.
+    #[error("{0}")]
+    Origin(String),
     /// The reflection service.
     #[error("the reflection service: {0}")]
     Reflection(String),
@@ -141,13 +147,13 @@ pub async fn serve_with<T: ServedTerrain>(
     options: Options,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { limits, tokens, tls, store, recording, draining_time, clock } = options;
+    let Options { limits, tokens, tls, store, recording, draining_time, clock, origins } = options;
     let (stop, stopping) = watch::channel(false);
     let heard = stopping.clone();
     let made = move || Shared::new(terrain, limits, tokens, store, recording, clock, heard);
     let shared = tokio::task::spawn_blocking(made);
     let shared = Arc::new(shared.await.map_err(|error| io::Error::other(error.to_string()))??);
-    let (reporter, routes) = routes(&shared)?;
+    let (reporter, routes) = routes(&shared, &origins)?;
     // Told before anybody can ask.
     report(&reporter, true).await;
     let looking = tokio::spawn(look_after(Arc::clone(&shared), reporter.clone()));
@@ -163,7 +169,12 @@ pub async fn serve_with<T: ServedTerrain>(
         .max_concurrent_streams(MAX_STREAMS)
         .http2_max_header_list_size(MAX_HEADER_BYTES)
         .add_routes(routes);
-    let incoming = connections::accept(listener, limits.connections, Arc::clone(&shared.metrics));
+    let incoming = connections::accept(
+        listener,
+        limits.connections,
+        Duration::from_secs_f64(limits.silence_s),
+        Arc::clone(&shared.metrics),
+    );
     let told = {
         let shared = Arc::clone(&shared);
         async move {
@@ -210,7 +221,10 @@ fn root_cause(error: &dyn std::error::Error) -> String {
 }
 
 /// Everything that is served, the health service with its reporter included.
-fn routes<T: ServedTerrain>(shared: &Arc<Shared<T>>) -> Result<(HealthReporter, Routes), ServeError> {
+fn routes<T: ServedTerrain>(
+    shared: &Arc<Shared<T>>,
+    origins: &[String],
+) -> Result<(HealthReporter, Routes), ServeError> {
     let service = Service(Arc::clone(shared));
     let (reporter, health) = tonic_health::server::health_reporter();
     let reflection = tonic_reflection::server::Builder::configure()
@@ -226,15 +240,21 @@ fn routes<T: ServedTerrain>(shared: &Arc<Shared<T>>) -> Result<(HealthReporter, 
         .add_service(ExerciseServiceServer::new(service.clone()).max_decoding_message_size(limit))
         .add_service(SceneServiceServer::new(service.clone()).max_decoding_message_size(limit))
         .add_service(OperationServiceServer::new(service).max_decoding_message_size(limit));
-    let router = grpc
+    let grpc = grpc
         .into_axum_router()
         .layer(middleware::from_fn_with_state(Arc::clone(shared), admission::admit::<T>))
-        .layer(GrpcWebLayer::new())
-        // What comes after the layers is outside of them.
+        .layer(GrpcWebLayer::new());
+    let grpc = match origins::layer(origins).map_err(ServeError::Origin)? {
+        Some(layer) => grpc.layer(layer),
+        None => grpc,
+    };
+    // What comes after the layers is outside of them.
+    let router = grpc
         .route("/healthz", get(pages::healthz::<T>).with_state(Arc::clone(shared)))
         .route("/metrics", get(pages::metrics::<T>).with_state(Arc::clone(shared)))
         .fallback(pages::unknown);
-    Ok((reporter, viewer::add_to(router, shared).into()))
+    let router = viewer::add_to(router, shared).layer(middleware::from_fn(admission::hear));
+    Ok((reporter, router.into()))
 }
 
 async fn report(reporter: &HealthReporter, is_serving: bool) {

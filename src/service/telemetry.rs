@@ -65,6 +65,7 @@ pub(super) struct Metrics {
     registry: Registry,
     calls: Family<CallLabels, Counter>,
     verdicts: Family<VerdictLabels, Counter>,
+    exact_lines: Counter,
     call_seconds: Histogram,
     frame_seconds: Histogram,
     frame_classes: Classes,
@@ -72,6 +73,10 @@ pub(super) struct Metrics {
     pub(super) frames: Counter,
     frame_bytes: Counter,
     held_back: Counter,
+    splits: Counter,
+    merges: Counter,
+    /// Connections that were ended because they said nothing.
+    pub(super) silent_connections: Counter,
     /// Sight lines that do not hold on the last frame of their view.
     pub(super) unsatisfied: Gauge,
     /// Leases that ran out.
@@ -120,12 +125,16 @@ impl Metrics {
             registry: Registry::with_prefix("sightline"),
             calls: Family::default(),
             verdicts: Family::default(),
+            exact_lines: Counter::default(),
             call_seconds: Histogram::new(SECONDS),
             frame_seconds: Histogram::new(SECONDS),
             frame_classes: Classes::default(),
             frames: Counter::default(),
             frame_bytes: Counter::default(),
             held_back: Counter::default(),
+            splits: Counter::default(),
+            merges: Counter::default(),
+            silent_connections: Counter::default(),
             unsatisfied: Gauge::default(),
             leases_expired: Counter::default(),
             views: Gauge::default(),
@@ -151,11 +160,18 @@ impl Metrics {
         r.register("calls", "Calls by method and gRPC code of their beginning", self.calls.clone());
         r.register_with_unit("call", "Time to the beginning of an answer", Unit::Seconds, self.call_seconds.clone());
         r.register("verdicts", "Lines of sight answered", self.verdicts.clone());
+        r.register("exact_lines", "Lines of sight answered that took exact arithmetic", self.exact_lines.clone());
         r.register("exact_signs", "Signs told by exact arithmetic in this process", self.exact.clone());
         r.register("frames", "Frames sent", self.frames.clone());
         r.register_with_unit("frame", "Time to make a frame", Unit::Seconds, self.frame_seconds.clone());
         r.register_with_unit("frame", "Bytes of frames and updates", Unit::Bytes, self.frame_bytes.clone());
         r.register("frames_held_back", "Frames that a client's pace held back", self.held_back.clone());
+        r.register(
+            "splits",
+            "Posts that refinement made active, those undone within a frame included",
+            self.splits.clone(),
+        );
+        r.register("merges", "Posts that refinement made inactive, the same way", self.merges.clone());
         r.register("unsatisfied_lines", "Sight lines named by the last frame of a view", self.unsatisfied.clone());
         r.register("leases_expired", "Leases that ran out", self.leases_expired.clone());
         r.register("views", "Open views", self.views.clone());
@@ -166,6 +182,7 @@ impl Metrics {
         r.register("queue_length", "Work that waits for a core", self.queue_length.clone());
         r.register("serving", "1 while the server is healthy", self.serving.clone());
         r.register("connections", "Open connections", self.connections.clone());
+        r.register("silent_connections", "Connections ended for saying nothing", self.silent_connections.clone());
         r.register_with_unit("received", "Bytes received", Unit::Bytes, self.received.clone());
         r.register_with_unit("sent", "Bytes sent", Unit::Bytes, self.sent.clone());
     }
@@ -191,8 +208,9 @@ impl Metrics {
         if methods.contains(method) { method.to_owned() } else { "unknown".to_owned() }
     }
 
-    /// Lines answered: values of [`v1::Verdict`].
-    pub(super) fn answered(&self, verdicts: &[i32]) {
+    /// Lines answered: values of [`v1::Verdict`], and how many lines took exact arithmetic since the last time.
+    pub(super) fn answered(&self, verdicts: &[i32], exact_lines: u64) {
+        self.exact_lines.inc_by(exact_lines);
         let mut counts = [0_u64; 3];
         for verdict in verdicts {
             match v1::Verdict::try_from(*verdict) {
@@ -213,6 +231,12 @@ impl Metrics {
         self.held_back.inc_by(u64::from(was_held_back));
         self.frame_seconds.observe(took.as_secs_f64());
         self.frame_classes.observe(took.as_secs_f64());
+    }
+
+    /// What making a frame took.
+    pub(super) fn refined(&self, splits: u64, merges: u64) {
+        self.splits.inc_by(splits);
+        self.merges.inc_by(merges);
     }
 
     /// The page for Prometheus.
@@ -273,14 +297,18 @@ mod tests {
     #[test]
     fn the_page_has_what_was_counted() {
         let metrics = Metrics::new();
-        metrics.answered(&[v1::Verdict::Visible.into(), v1::Verdict::Blocked.into(), v1::Verdict::Visible.into()]);
+        metrics.answered(&[v1::Verdict::Visible.into(), v1::Verdict::Blocked.into(), v1::Verdict::Visible.into()], 1);
         metrics.call("/made/up", tonic::Code::Unauthenticated, Duration::ZERO);
         metrics.call("/a/B", tonic::Code::NotFound, Duration::from_millis(3));
         metrics.call("/a/B", tonic::Code::ResourceExhausted, Duration::ZERO);
         metrics.frame(100, Duration::from_micros(70), true);
+        metrics.refined(5, 3);
         let page = metrics.page(Moment { views: 7, queue_age: Duration::from_millis(250), ..Moment::default() });
         for line in [
             "sightline_verdicts_total{verdict=\"visible\"} 2",
+            "sightline_exact_lines_total 1",
+            "sightline_splits_total 5",
+            "sightline_merges_total 3",
             "sightline_calls_total{method=\"/a/B\",code=\"5\"} 1",
             "sightline_calls_total{method=\"/a/B\",code=\"8\"} 1",
             "sightline_calls_total{method=\"unknown\",code=\"16\"} 1",

@@ -19,7 +19,7 @@ use axum::{
     Router,
     body::Bytes,
     extract::{Request, State},
-    http::{HeaderMap, StatusCode, header},
+    http::{HeaderMap, HeaderName, StatusCode, header},
     response::{IntoResponse, Response},
     routing::get,
 };
@@ -78,21 +78,33 @@ impl File {
             (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
             (header::REFERRER_POLICY, "no-referrer"),
         ];
-        let says = |name, what: &str| {
-            let values = asked.get_all(name).iter().filter_map(|value| value.to_str().ok());
-            values
-                .flat_map(|value| value.split(','))
-                .any(|part| part.split(';').next().is_some_and(|p| p.trim() == what))
-        };
-        if says(header::IF_NONE_MATCH, tag) {
+        if parts(asked, header::IF_NONE_MATCH).any(|part| part == tag) {
             return (StatusCode::NOT_MODIFIED, common).into_response();
         }
         let kind = [(header::CONTENT_TYPE, self.media_type)];
-        if says(header::ACCEPT_ENCODING, "gzip") && !gzip.is_empty() {
+        if takes_gzip(asked) && !gzip.is_empty() {
             return (common, kind, [(header::CONTENT_ENCODING, "gzip")], gzip.clone()).into_response();
         }
         (common, kind, self.content).into_response()
     }
+}
+
+/// The parts of a header that is a list.
+fn parts(asked: &HeaderMap, name: HeaderName) -> impl Iterator<Item = &str> {
+    let values = asked.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
+    values.flat_map(|value| value.split(',').map(str::trim))
+}
+
+/// Whether the browser takes gzip: it names it, or everything, and not with a weight of 0 (RFC 9110, section 12.5.3).
+fn takes_gzip(asked: &HeaderMap) -> bool {
+    let weight = |coding: &str| {
+        parts(asked, header::ACCEPT_ENCODING).find_map(|part| {
+            let (name, parameters) = part.split_once(';').unwrap_or((part, ""));
+            let weight = parameters.trim().strip_prefix("q=").map_or(Ok(1.0), str::parse::<f32>);
+            name.trim().eq_ignore_ascii_case(coding).then(|| weight.unwrap_or(0.0))
+        })
+    };
+    weight("gzip").or_else(|| weight("*")).is_some_and(|weight| weight > 0.0)
 }
 
 /// Adds the viewer to the pages.
@@ -110,4 +122,32 @@ pub(super) fn add_to<T: ServedTerrain>(router: Router, shared: &Arc<Shared<T>>) 
         };
         router.route(file.path, get(serve).with_state(Arc::clone(shared)))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gzip_is_sent_to_those_who_take_it() {
+        for (encodings, takes) in [
+            (&["gzip"][..], true),
+            (&["br, gzip;q=0.5"], true),
+            (&["br", "GZip"], true),
+            (&["*"], true),
+            (&["identity;q=1, *;q=0.1"], true),
+            (&["gzip;q=0"], false),
+            (&["gzip; q=0.0, *"], false),
+            (&["*;q=0"], false),
+            (&["br, zstd"], false),
+            (&["gzip;q=much"], false),
+            (&[], false),
+        ] {
+            let mut asked = HeaderMap::new();
+            for encoding in encodings {
+                asked.append(header::ACCEPT_ENCODING, encoding.parse().unwrap());
+            }
+            assert_eq!(takes_gzip(&asked), takes, "{encodings:?}");
+        }
+    }
 }

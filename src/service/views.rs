@@ -255,6 +255,7 @@ impl<T: ServedTerrain> ViewTask<T> {
             (view, tape, words, began.elapsed())
         };
         let (view, tape, words, took) = self.shared.run(work).await?;
+        let refined = view.work();
         (self.view, self.tape) = (Some(view), tape);
         let words = words.map_err(IntoStatus::into_status)?;
         for word in &words {
@@ -265,6 +266,7 @@ impl<T: ServedTerrain> ViewTask<T> {
         let bytes = words.iter().map(Message::encoded_len).sum();
         self.pacer.sent(self.now_ms(), bytes);
         self.shared.metrics.frame(bytes, took, held_back_ms > 0);
+        self.shared.metrics.refined(refined.splits, refined.merges);
         let mut words = words.into_iter();
         if let Some(first) = words.next() {
             permit.send(Ok(first));

@@ -17,6 +17,7 @@ use sightline_proto::v1::{
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Status;
+use tracing::Instrument;
 
 use super::{ServedTerrain, Shared, access::Caller, limits::limited, stopped, views};
 
@@ -84,7 +85,7 @@ pub(super) fn begin<T: ServedTerrain>(shared: &Arc<Shared<T>>) -> Result<WatchSt
         open.insert(id.clone(), Watch { stream: stream.clone(), views: BTreeMap::new() });
     }
     let shared = Arc::clone(shared);
-    tokio::spawn(async move {
+    let end = async move {
         let mut stopping = shared.stopping.clone();
         tokio::select! {
             () = stream.closed() => {}
@@ -94,7 +95,9 @@ pub(super) fn begin<T: ServedTerrain>(shared: &Arc<Shared<T>>) -> Result<WatchSt
         }
         // With it go the inboxes of its views, and so the views.
         shared.watches.open().remove(&id);
-    });
+        tracing::info!("watch of views ends");
+    };
+    tokio::spawn(end.in_current_span());
     Ok(ReceiverStream::new(receiver))
 }
 

@@ -38,7 +38,7 @@ pub use verdicts::VerdictWatch;
 use crate::{
     exercise::{EYE_LINE_ID, Exercise, LineState},
     los::{LosError, Verdict},
-    roam::{Fidelity, MeshError, RequiredLine, Target, Terrain, ViewMesh},
+    roam::{Fidelity, MeshError, RequiredLine, Target, Terrain, ViewMesh, Work},
     terrain::{ReadError, SceneScale},
     view::Camera,
 };
@@ -127,6 +127,7 @@ pub struct View<T: Terrain> {
     sent: Replica,
     unsatisfied: BTreeSet<u64>,
     off_ground: BTreeSet<u64>,
+    work: Work,
     acknowledged: u64,
     /// The epoch of the last update sent, and of each line in it the epoch since which it is so.
     announced: Option<u64>,
@@ -160,6 +161,7 @@ impl<T: Terrain> View<T> {
             sent,
             unsatisfied: BTreeSet::new(),
             off_ground: BTreeSet::new(),
+            work: Work::default(),
             acknowledged: 0,
             announced: None,
             announced_lines: BTreeMap::new(),
@@ -267,8 +269,14 @@ impl<T: Terrain> View<T> {
         };
         let update = self.exercise_update();
         (self.unsatisfied, self.off_ground) = (unsatisfied, off_ground);
+        self.work = report.work;
         (self.frame_due, self.snapshot_due) = (false, false);
         Ok(update.map(Response::Exercise).into_iter().chain([Response::Frame(frame)]).collect())
+    }
+
+    /// What making the last frame took.
+    pub fn work(&self) -> Work {
+        self.work
     }
 
     /// The mesh of the last frame.

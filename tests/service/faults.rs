@@ -4,6 +4,7 @@ use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::TcpStream,
 };
+use tonic_health::ServingStatus;
 
 use super::*;
 
@@ -22,6 +23,7 @@ async fn a_damaged_page_makes_the_server_unhealthy() {
     let line = v1::QueryLineOfSightRequest { a: end(1.0, 1.0, 1.0), b: end(9.0, 9.0, 1.0), ..Default::default() };
     refusal(client.query(line).await, Code::DataLoss, "page 3");
     assert!(troubles(&client).await[0].contains("damaged"));
+    health(&running, ServingStatus::NotServing).await;
 }
 
 #[tokio::test]
@@ -59,6 +61,186 @@ async fn half_open_connections_and_noise_harm_nobody() {
         }
     };
     timeout(PATIENCE, alone).await.expect("their places are free");
+}
+
+/// With every place taken by connections that say nothing, a client waits for one of them to be ended, not for ever; and a
+/// client that has called is left alone, whatever its protocol.
+#[tokio::test]
+async fn a_flood_of_silent_connections_gives_its_places_back() {
+    let limits = Limits { connections: 12, silence_s: 0.4, ..Limits::default() };
+    let running = Running::start(TestTerrain::new(None), limits).await;
+    let client = running.client().await;
+    let mut view = client.open_view("", settings(300), pose(1.0, 1.0)).await.unwrap();
+    frame(&mut view).await;
+    let mut browser = TcpStream::connect(&running.address).await.unwrap();
+    let ask = b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n";
+    browser.write_all(ask).await.unwrap();
+    let mut answer = [0; 512];
+    let read = timeout(PATIENCE, browser.read(&mut answer)).await.unwrap().unwrap();
+    assert!(answer[..read].starts_with(b"HTTP/1.1 200"));
+    let mut silent = Vec::new();
+    for n in 0..20 {
+        let mut stream = TcpStream::connect(&running.address).await.unwrap();
+        // Half of them begin as HTTP/2 does, and stop.
+        stream.write_all(&b"PRI * HTTP"[..5 * (n % 2)]).await.unwrap();
+        silent.push(stream);
+    }
+    let late = timeout(PATIENCE, async { running.client().await.terrain().await }).await.expect("a place in time");
+    late.unwrap();
+    for mut stream in silent {
+        let end = timeout(PATIENCE, stream.read(&mut [0; 64])).await.expect("an end");
+        assert!(matches!(end, Ok(0) | Err(_)), "{end:?}");
+    }
+    view.steer(pose(500.0, 500.0)).await.unwrap();
+    frame(&mut view).await;
+    browser.write_all(ask).await.unwrap();
+    let read = timeout(PATIENCE, browser.read(&mut answer)).await.unwrap().unwrap();
+    assert!(answer[..read].starts_with(b"HTTP/1.1 200"), "one that has called may be silent");
+}
+
+/// What is no message of gRPC is refused, and only the call that it came with.
+#[tokio::test]
+async fn malformed_messages_end_their_call_alone() {
+    let (running, client) = started().await;
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
+    let mut raw = tonic::client::Grpc::new(endpoint.connect().await.unwrap());
+    let whole = v1::QueryRayRequest { azimuth_deg: 1.0, range_m: 7.0, ..Default::default() };
+    let whole = prost::Message::encode_to_vec(&whole);
+    // Cut short, with a wire type that is none, with a length beyond the end, and no protobuf at all.
+    let wild: Vec<u8> = (0..300_u32).map(|n| (n * 131 % 251) as u8).collect();
+    for bytes in [&whole[..whole.len() - 1], &[0x0f, 1], &[0x0a, 0xff, 0xff, 0x03, 1], &wild] {
+        let path = tonic::codegen::http::uri::PathAndQuery::from_static("/sightline.v1.LineOfSightService/QueryRay");
+        let request = tonic::Request::new(bytes.to_vec());
+        raw.ready().await.unwrap();
+        let status = raw.unary::<_, Vec<u8>, _>(request, path, Raw).await.unwrap_err();
+        assert!(matches!(status.code(), Code::Internal | Code::InvalidArgument), "{status}");
+    }
+    client.terrain().await.unwrap();
+    assert!(troubles(&client).await.is_empty());
+}
+
+/// Sends and receives bytes as they are.
+#[derive(Default)]
+struct Raw;
+
+impl tonic::codec::Codec for Raw {
+    type Encode = Vec<u8>;
+    type Decode = Vec<u8>;
+    type Encoder = Self;
+    type Decoder = Self;
+
+    fn encoder(&mut self) -> Self {
+        Self
+    }
+
+    fn decoder(&mut self) -> Self {
+        Self
+    }
+}
+
+impl tonic::codec::Encoder for Raw {
+    type Item = Vec<u8>;
+    type Error = tonic::Status;
+
+    fn encode(&mut self, item: Vec<u8>, into: &mut tonic::codec::EncodeBuf<'_>) -> Result<(), tonic::Status> {
+        prost::bytes::BufMut::put_slice(into, &item);
+        Ok(())
+    }
+}
+
+impl tonic::codec::Decoder for Raw {
+    type Item = Vec<u8>;
+    type Error = tonic::Status;
+
+    fn decode(&mut self, from: &mut tonic::codec::DecodeBuf<'_>) -> Result<Option<Vec<u8>>, tonic::Status> {
+        let length = prost::bytes::Buf::remaining(from);
+        Ok(Some(prost::bytes::Buf::copy_to_bytes(from, length).to_vec()))
+    }
+}
+
+/// Work that finds no core for over a second is told by health, and health heals when the cores are free again.
+#[tokio::test]
+async fn work_that_waits_too_long_makes_the_server_unhealthy() {
+    let terrain = TestTerrain::new(None);
+    let running = Running::start(Arc::clone(&terrain), Limits::default()).await;
+    let client = running.client().await;
+    health(&running, ServingStatus::Serving).await;
+    terrain.stuck.store(true, Ordering::Relaxed);
+    let threads = std::thread::available_parallelism().map_or(2, usize::from);
+    let line = v1::QueryLineOfSightRequest { a: end(1.0, 1.0, 1.0), b: end(9.0, 9.0, 1.0), ..Default::default() };
+    let asked: Vec<_> = (0..=threads)
+        .map(|_| {
+            let (client, line) = (client.clone(), line);
+            tokio::spawn(async move { client.query(line).await })
+        })
+        .collect();
+    health(&running, ServingStatus::NotServing).await;
+    assert!(troubles(&client).await[0].contains("for a core"));
+    terrain.stuck.store(false, Ordering::Relaxed);
+    health(&running, ServingStatus::Serving).await;
+    for answer in asked {
+        answer.await.unwrap().unwrap();
+    }
+}
+
+/// What is logged of a call has the id that its client gave, and so has what its view does later.
+#[tokio::test]
+async fn the_log_of_a_call_has_its_id() {
+    let log = Log::default();
+    let subscriber = tracing_subscriber::fmt().with_writer(log.clone()).with_ansi(false).finish();
+    let _guard = tracing::subscriber::set_default(subscriber);
+    let (running, client) = started().await;
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
+    let channel = endpoint.connect().await.unwrap();
+    let with_id = |id: &'static str| {
+        move |mut request: tonic::Request<()>| {
+            request.metadata_mut().insert("x-request-id", id.parse().unwrap());
+            Ok(request)
+        }
+    };
+    let mut exercises =
+        v1::exercise_service_client::ExerciseServiceClient::with_interceptor(channel.clone(), with_id("refused-7"));
+    let status = exercises.get_exercise(v1::GetExerciseRequest { name: "none".into() }).await.unwrap_err();
+    assert_eq!(status.metadata().get("x-request-id").unwrap(), "refused-7");
+    let mut scenes = v1::scene_service_client::SceneServiceClient::with_interceptor(channel, with_id("view-8"));
+    let open = v1::OpenView { settings: Some(settings(100)), pose: Some(pose(1.0, 1.0)), ..Default::default() };
+    let wishes = tokio_stream::iter([wish(Wish::Open(open))]);
+    let mut stream = scenes.stream_scene(wishes).await.unwrap().into_inner();
+    while stream.message().await.unwrap().is_some() {}
+    client.terrain().await.unwrap();
+    for (words, id) in [("refused", "refused-7"), ("view opened", "view-8"), ("view closed", "view-8")] {
+        let seen = log.text().lines().any(|line| line.contains(words) && line.contains(&format!("id=\"{id}\"")));
+        assert!(seen, "'{words}' with {id} in\n{}", log.text());
+    }
+}
+
+/// What was logged on this thread.
+#[derive(Clone, Default)]
+struct Log(Arc<std::sync::Mutex<Vec<u8>>>);
+
+impl Log {
+    fn text(&self) -> String {
+        String::from_utf8(self.0.lock().unwrap().clone()).unwrap()
+    }
+}
+
+impl std::io::Write for Log {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl tracing_subscriber::fmt::MakeWriter<'_> for Log {
+    type Writer = Self;
+
+    fn make_writer(&self) -> Self {
+        self.clone()
+    }
 }
 
 #[tokio::test]

@@ -8,6 +8,7 @@ use sightline::{
     store::{DiskStore, ExerciseStore, MemoryStore, StoreError, Stored},
 };
 use sightline_client::ExerciseWatch;
+use tonic_health::ServingStatus;
 
 use super::*;
 
@@ -229,17 +230,6 @@ impl ExerciseStore for Full {
     }
 }
 
-/// Waits until the health service says so of the server.
-async fn health(running: &Running, wanted: tonic_health::ServingStatus) {
-    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
-    let mut health = tonic_health::pb::health_client::HealthClient::new(endpoint.connect().await.unwrap());
-    let request = tonic_health::pb::HealthCheckRequest { service: String::new() };
-    let mut watch = health.watch(request).await.unwrap().into_inner();
-    let told =
-        async { while watch.message().await.unwrap().expect("a watch of health goes on").status != wanted as i32 {} };
-    timeout(PATIENCE, told).await.expect("health tells");
-}
-
 #[tokio::test]
 async fn a_store_that_cannot_be_written_is_told_by_health_and_its_leases_wait() {
     let is_full = Arc::new(AtomicBool::new(false));
@@ -247,11 +237,11 @@ async fn a_store_that_cannot_be_written_is_told_by_health_and_its_leases_wait() 
     let (running, client, clock) = with_clock(Box::new(store)).await;
     exercise(&client, "kept", 2).await;
     client.create_exercise_under("brief", lease("page", 60)).await.unwrap();
-    health(&running, tonic_health::ServingStatus::Serving).await;
+    health(&running, ServingStatus::Serving).await;
     is_full.store(true, Ordering::Relaxed);
     let change = v1::ChangeExerciseRequest { name: "kept".into(), ..Default::default() };
     refusal(client.change_exercise(change.clone()).await, Code::Unavailable, "no space is left");
-    health(&running, tonic_health::ServingStatus::NotServing).await;
+    health(&running, ServingStatus::NotServing).await;
     let status = client.status().await.unwrap();
     assert!(!status.serving && status.troubles[0].contains("cannot be written"), "{status:?}");
     assert_eq!(client.exercise("kept").await.unwrap().epoch, 1, "what is there can be read");
@@ -260,7 +250,7 @@ async fn a_store_that_cannot_be_written_is_told_by_health_and_its_leases_wait() 
     clock.advance(100 * SECOND);
     assert_eq!(the_lease(&client, "brief").await.remaining_s, 0.0);
     is_full.store(false, Ordering::Relaxed);
-    health(&running, tonic_health::ServingStatus::Serving).await;
+    health(&running, ServingStatus::Serving).await;
     let end = timeout(PATIENCE, watch.next()).await.expect("the end is told");
     refusal(end, Code::NotFound, "the lease of 'page' has run out");
     assert_eq!(client.change_exercise(change).await.unwrap(), 2);

@@ -46,6 +46,8 @@ struct TestTerrain {
     damaged: AtomicBool,
     /// Whether reading a page takes its time.
     slow: AtomicBool,
+    /// Whether reading a page waits until this is over.
+    stuck: AtomicBool,
     /// Pages read.
     reads: AtomicU64,
 }
@@ -58,6 +60,7 @@ impl TestTerrain {
             georeference,
             damaged: AtomicBool::new(false),
             slow: AtomicBool::new(false),
+            stuck: AtomicBool::new(false),
             reads: AtomicU64::new(0),
         })
     }
@@ -73,6 +76,9 @@ impl HeightField for TestTerrain {
             return Err(ReadError::Damaged { what: "page 3".into(), detail: "its checksum is wrong".into() });
         }
         self.reads.fetch_add(1, Ordering::Relaxed);
+        while self.stuck.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
         if self.slow.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(1));
         }
@@ -128,6 +134,17 @@ async fn started() -> (Running, Client) {
     let running = Running::start(TestTerrain::new(None), Limits::default()).await;
     let client = running.client().await;
     (running, client)
+}
+
+/// Waits until the health service says so of the server.
+async fn health(running: &Running, wanted: tonic_health::ServingStatus) {
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
+    let mut health = tonic_health::pb::health_client::HealthClient::new(endpoint.connect().await.unwrap());
+    let request = tonic_health::pb::HealthCheckRequest { service: String::new() };
+    let mut watch = health.watch(request).await.unwrap().into_inner();
+    let told =
+        async { while watch.message().await.unwrap().expect("a watch of health goes on").status != wanted as i32 {} };
+    timeout(PATIENCE, told).await.expect("health tells");
 }
 
 /// The status with which a call was refused, and that it explains itself.

@@ -122,10 +122,35 @@ async fn pages_and_grpc_share_the_port() {
     for line in [&format!("sightline_calls_total{{method=\"{method}\",code=\"0\"}} 1"), "sightline_serving 1"] {
         assert!(page.contains(line), "{line} in {page}");
     }
+    // Lines from post to post over ground that they lie in: some take exact arithmetic, and not all.
+    let column = |factor: u32, size: u32| (0..400_u32).map(|n| f64::from(n * factor % size)).collect::<Vec<_>>();
+    let batch = v1::QueryLineOfSightBatchRequest {
+        frame: v1::CoordinateFrame::Grid.into(),
+        altitude: v1::AltitudeReference::AboveGround.into(),
+        ax: column(7, 89),
+        ay: column(11, 69),
+        bx: column(31, 89),
+        by: column(17, 69),
+        az: vec![0.0; 400],
+        bz: vec![0.0; 400],
+        ..Default::default()
+    };
+    client.query_batch(batch).await.unwrap();
+    let mut view = client.open_view("", settings(300), pose(1.0, 1.0)).await.unwrap();
+    frame(&mut view).await;
+    let (_, page) = get(address, "/metrics").await;
+    let metric = |name: &str| -> u64 {
+        let line = page.lines().find_map(|line| line.strip_prefix(&format!("sightline_{name} ")));
+        line.unwrap_or_else(|| panic!("no {name} in {page}")).parse().unwrap()
+    };
+    assert!((1..400).contains(&metric("exact_lines_total")), "{}", metric("exact_lines_total"));
+    // A mesh of 300 triangles has some 150 posts that were split, less what was merged again.
+    let posts = metric("splits_total") - metric("merges_total");
+    assert!((140..300).contains(&posts), "{posts}");
     let (head, _) = get(address, "/nothing").await;
     assert!(head.starts_with("http/1.1 404"), "{head}");
     let status = client.status().await.unwrap();
-    assert!(status.serving && status.visible + status.blocked + status.unknown == 1 && status.sent_bytes > 0);
+    assert!(status.serving && status.visible + status.blocked + status.unknown == 401 && status.sent_bytes > 0);
     let answer = call(address, "NoService/Nothing", &v1::GetStatusRequest {}).await;
     assert!(answer.head.contains("grpc-status: 12"), "{}", answer.head);
 }
@@ -160,6 +185,42 @@ async fn the_viewer_is_served_and_asked_about_again() {
             }
         }
     }
+}
+
+/// What a browser asks before a page of another origin may call.
+async fn preflight(address: &str, origin: &str) -> String {
+    let headers = format!(
+        "origin: {origin}\r\naccess-control-request-method: POST\r\n\
+         access-control-request-headers: content-type,x-grpc-web,authorization\r\nconnection: close\r\n"
+    );
+    let path = "/sightline.v1.TerrainService/DescribeTerrain";
+    Answer::to(address, "OPTIONS", path, &headers, b"").await.head
+}
+
+#[tokio::test]
+async fn pages_of_other_origins_may_call_if_the_operator_names_them() {
+    let ours = "https://viewer.example";
+    let options = ServeOptions { origins: vec![ours.into()], ..ServeOptions::default() };
+    let running = Running::start_with(TestTerrain::new(None), options).await;
+    let head = preflight(&running.address, ours).await;
+    assert!(head.starts_with("http/1.1 200") && head.contains("access-control-allow-origin: https://viewer.example"));
+    assert!(head.contains("access-control-allow-methods: post"), "{head}");
+    for name in ["content-type", "x-grpc-web", "authorization"] {
+        let allowed = head.lines().find(|line| line.starts_with("access-control-allow-headers:")).unwrap();
+        assert!(allowed.contains(name), "{name} in {allowed}");
+    }
+    let head = preflight(&running.address, "https://other.example").await;
+    assert!(!head.contains("access-control-allow-origin"), "{head}");
+    let body = [0, 0, 0, 0, 0];
+    let headers = format!("content-type: application/grpc-web+proto\r\norigin: {ours}\r\n");
+    let path = "/sightline.v1.TerrainService/DescribeTerrain";
+    let head = Answer::to(&running.address, "POST", path, &headers, &body).await.head;
+    assert!(head.contains("access-control-allow-origin: https://viewer.example"), "{head}");
+    assert!(head.contains("access-control-expose-headers: grpc-status,grpc-message,x-request-id"), "{head}");
+
+    let (running, _) = started().await;
+    let head = preflight(&running.address, ours).await;
+    assert!(!head.contains("access-control-"), "nobody without being named: {head}");
 }
 
 #[tokio::test]

@@ -1,9 +1,12 @@
 //! Many lines in columns of equal length.
 
-use std::ops::Range;
+use std::{
+    ops::Range,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 use rayon::prelude::*;
-use sightline_proto::v1;
+use sightline_proto::{predicates::exact_signs_here, v1};
 use tonic::Status;
 
 use super::{
@@ -33,6 +36,8 @@ pub(super) struct Batch {
     frame: Frame,
     altitude: Altitude,
     options: Options,
+    /// Lines answered that took exact arithmetic, and that nobody has counted yet.
+    exact_lines: AtomicU64,
 }
 
 /// Verdict, whether the line grazes, and whether both are exact.
@@ -60,7 +65,7 @@ impl Batch {
         }
         let (frame, altitude) = (convert::frame(request.frame)?, convert::altitude(request.altitude)?);
         let options = Options { strict: request.strict, ..convert::options(request.options.as_ref(), site)? };
-        Ok(Self { request, frame, altitude, options })
+        Ok(Self { request, frame, altitude, options, exact_lines: AtomicU64::new(0) })
     }
 
     pub(super) fn len(&self) -> usize {
@@ -84,21 +89,22 @@ impl Batch {
             let briefs = self.answer(lines, &*shared.terrain, &shared.site, wanted)?;
             for (n, briefs) in briefs.chunks(CHUNK_LINES).enumerate() {
                 let answers = to_wire(first + n * CHUNK_LINES, briefs);
-                shared.metrics.answered(&answers.verdicts);
+                shared.metrics.answered(&answers.verdicts, self.exact_lines.swap(0, Ordering::Relaxed));
                 send(sender, wanted, answers)?;
             }
         }
         Ok(())
     }
 
-    /// The answers to all lines in one message.
+    /// The answers to all lines in one message, and how many took exact arithmetic.
     pub(super) fn answer_all(
         &self,
         terrain: &impl HeightField,
         site: &Site,
         wanted: &Wanted,
-    ) -> Result<v1::QueryLineOfSightBatchResponse, Status> {
-        Ok(to_wire(0, &self.answer(0..self.len(), terrain, site, wanted)?))
+    ) -> Result<(v1::QueryLineOfSightBatchResponse, u64), Status> {
+        let answers = to_wire(0, &self.answer(0..self.len(), terrain, site, wanted)?);
+        Ok((answers, self.exact_lines.swap(0, Ordering::Relaxed)))
     }
 
     /// The answers to some of the lines, in their order; they are asked in that of [`los::batch_order`]. All are
@@ -157,7 +163,11 @@ impl Batch {
         asked: &mut Lines<'_, H>,
     ) -> Result<Brief, Status> {
         let Some([a, b]) = resolved[n].clone()? else { return Ok((v1::Verdict::Unknown, false, true)) };
+        let before = exact_signs_here();
         let answer = asked.ask(a, b, self.options).map_err(|error| named(first + n, &error.into_status()))?;
+        if exact_signs_here() > before {
+            self.exact_lines.fetch_add(1, Ordering::Relaxed);
+        }
         Ok((convert::verdict_to_wire(Some(answer.verdict)).0, answer.grazes, answer.certain))
     }
 }

@@ -10,10 +10,14 @@ mod stream;
 
 use std::sync::Arc;
 
-use sightline_proto::v1::{self, line_of_sight_service_server::LineOfSightService};
+use sightline_proto::{
+    predicates::exact_signs_here,
+    v1::{self, line_of_sight_service_server::LineOfSightService},
+};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
+use tracing::Instrument;
 
 use self::batch::Batch;
 use super::{
@@ -36,9 +40,14 @@ impl<T: ServedTerrain> LineOfSightService for Service<T> {
         &self,
         request: Request<v1::QueryLineOfSightRequest>,
     ) -> Result<Response<v1::QueryLineOfSightResponse>, Status> {
-        let answer = self.compute(request, |terrain, site, request, _| single::query(terrain, site, request)).await?;
-        self.0.metrics.answered(&[answer.get_ref().verdict]);
-        Ok(answer)
+        let query = |terrain: &T, site: &Site, request, _: &Wanted| {
+            let before = exact_signs_here();
+            let answer = single::query(terrain, site, request)?;
+            Ok((answer, exact_signs_here() > before))
+        };
+        let (answer, is_exact) = self.compute(request, query).await?.into_inner();
+        self.0.metrics.answered(&[answer.verdict], is_exact.into());
+        Ok(Response::new(answer))
     }
 
     type QueryLineOfSightBatchStream = ReceiverStream<Result<v1::QueryLineOfSightBatchResponse, Status>>;
@@ -64,7 +73,8 @@ impl<T: ServedTerrain> LineOfSightService for Service<T> {
     ) -> Result<Response<Self::StreamLinesOfSightStream>, Status> {
         let (wanted, call) = Wanted::of(&request);
         let (sender, receiver) = mpsc::channel(1);
-        tokio::spawn(stream::run(Arc::clone(&self.0), request.into_inner(), sender, wanted, call));
+        let run = stream::run(Arc::clone(&self.0), request.into_inner(), sender, wanted, call);
+        tokio::spawn(run.in_current_span());
         Ok(Response::new(ReceiverStream::new(receiver)))
     }
 
@@ -146,10 +156,11 @@ impl<T: ServedTerrain> Service<T> {
         let place = place.map_err(|_| too_many("streams of answers under way", MAX_ANSWERING, MAX_ANSWERING))?;
         let (sender, receiver) = mpsc::channel(1);
         let (shared, observer) = (Arc::clone(&self.0), Arc::clone(&self.0));
-        tokio::spawn(async move {
+        let span = tracing::Span::current();
+        let run = async move {
             let (asked, answers) = (wanted.clone(), sender.clone());
             let done = tokio::task::spawn_blocking(move || {
-                let done = work(&shared, &asked, answers);
+                let done = span.in_scope(|| work(&shared, &asked, answers));
                 drop(place);
                 done
             });
@@ -162,7 +173,8 @@ impl<T: ServedTerrain> Service<T> {
             if let Err(status) = end {
                 let _ = sender.send(Err(observer.health.seen(status))).await;
             }
-        });
+        };
+        tokio::spawn(run.in_current_span());
         Ok(Response::new(ReceiverStream::new(receiver)))
     }
 }

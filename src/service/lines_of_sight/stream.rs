@@ -8,6 +8,7 @@ use std::sync::Arc;
 use sightline_proto::v1;
 use tokio::sync::Semaphore;
 use tonic::{Status, Streaming};
+use tracing::Instrument;
 
 use super::{
     super::{
@@ -52,11 +53,12 @@ async fn answer_all<T: ServedTerrain>(
         let place = Arc::clone(&room).acquire_owned().await.map_err(|_| Status::internal("the stream has no room"))?;
         let Some(group) = groups.message().await? else { break };
         let (shared, sender, wanted) = (Arc::clone(shared), sender.clone(), wanted.clone());
-        tokio::spawn(async move {
+        let group = async move {
             let answers = answer(&shared, group, wanted).await;
             let _ = sender.send(Ok(answers)).await;
             drop(place);
-        });
+        };
+        tokio::spawn(group.in_current_span());
     }
     // The client has said all: what it asked is still answered.
     let all = u32::try_from(MAX_STREAM_GROUPS).unwrap_or(u32::MAX);
@@ -83,8 +85,8 @@ async fn answer<T: ServedTerrain>(
         }
     };
     match answered {
-        Ok(v1::QueryLineOfSightBatchResponse { verdicts, grazes, certain, .. }) => {
-            shared.metrics.answered(&verdicts);
+        Ok((v1::QueryLineOfSightBatchResponse { verdicts, grazes, certain, .. }, exact_lines)) => {
+            shared.metrics.answered(&verdicts, exact_lines);
             v1::StreamLinesOfSightResponse { ids, verdicts, grazes, certain, refusal: None }
         }
         Err(status) => {
