@@ -6,10 +6,11 @@ use std::{
     sync::Arc,
 };
 
+use glam::{DQuat, DVec3};
 use sightline::{
     roam::{Target, ViewMesh},
-    terrain::{MemoryField, SceneScale},
-    view::Camera,
+    terrain::{MemoryField, SceneScale, synthetic},
+    view::{Camera, Projection},
     wedgie::MemoryTerrain,
 };
 use sightline_proto::{
@@ -139,4 +140,33 @@ fn conformance_grids_are_refined_within_every_budget() {
             bound = report.bound_px;
         }
     }
+}
+
+/// The same in debug and release builds, with wider vector instructions, and on every machine: run by both builds.
+#[test]
+fn conformance_of_a_flight_to_a_golden_hash() {
+    let scale = SceneScale { east_m: 30.0, north_m: 30.0, up_m: 1.0 };
+    let terrain = Arc::new(MemoryTerrain::new(synthetic::fractal(129, 129, 12, 400).unwrap(), scale).unwrap());
+    let mut mesh = ViewMesh::new(terrain, scale).unwrap();
+    let mut hash = 0_u64;
+    for step in 0..60_u32 {
+        let t = f64::from(step);
+        let eye = DVec3::new(300.0 + 50.0 * t, 3500.0 - 45.0 * t, 900.0 - 6.0 * t);
+        let rotation = DQuat::from_xyzw(0.6 + 0.004 * t, 0.01 * t, 0.02 * t, 0.8).normalize();
+        let projection = match step % 20 {
+            19 => Projection::Orthographic { half_height_m: 800.0, near_m: 1.0 },
+            _ => Projection::Perspective { tan_half_fov: 0.6, near_m: 1.0 },
+        };
+        let camera = Camera::new(eye, rotation, projection, [640, 480]).unwrap();
+        let target = match step % 7 {
+            6 => Target::ScreenError { px: 2.5, max: 5000 },
+            _ => Target::TriangleBudget(300 + 40 * step),
+        };
+        let report = mesh.update(&camera, target, &[]).unwrap();
+        let posts = mesh.active_posts().into_iter().map(|(p, z)| p.key() ^ z.to_bits());
+        for value in posts.chain([report.bound_px.to_bits(), report.triangles.into()]) {
+            hash = synthetic::mix(hash ^ value);
+        }
+    }
+    assert_eq!(hash, 0xac3b_0004_1309_c05b, "{hash:#018x}: meshes or bounds changed, or differ on this machine");
 }

@@ -19,7 +19,7 @@ use num_rational::BigRational;
 use sightline_proto::{
     diamond::Post,
     number::{Dyadic, Interval, Number},
-    predicates::Sign,
+    predicates::{FLUSHED, Sign, compare},
 };
 
 use super::{
@@ -28,6 +28,9 @@ use super::{
     sweep::{Family, ROUNDOFF},
 };
 use crate::terrain::SceneScale;
+
+/// The square root of the least number above 0.
+const ROOT_OF_LEAST: f64 = f64::from_bits((1023 - 537) << 52);
 
 /// The shape of the Earth under a line of sight.
 #[derive(Clone, Copy, PartialEq, Default, Debug)]
@@ -62,7 +65,7 @@ impl Earth {
     /// The coefficients of the bulge, in height units per post squared: finite, not below 0. Both 0 is flat.
     pub fn curved(east: f64, north: f64) -> Result<Self, LosError> {
         for (what, value) in [("curvature eastward", east), ("curvature northward", north)] {
-            if !value.is_finite() || value < 0.0 {
+            if !value.is_finite() || compare(value, 0.0) == Sign::Negative {
                 return Err(LosError::OutOfBounds { what, value, must: "a finite number not below 0" });
             }
         }
@@ -85,7 +88,7 @@ impl Earth {
 
     /// Whether lines are straight.
     pub fn is_flat(self) -> bool {
-        self.coefficients() == [0.0; 2]
+        self.coefficients().iter().all(|&c| compare(c, 0.0) == Sign::Zero)
     }
 }
 
@@ -103,14 +106,23 @@ impl Line {
     pub(super) fn new(a: [f64; 3], b: [f64; 3], earth: Earth) -> Self {
         let earth = earth.coefficients();
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        let part = |d: f64, by: f64| if by == 0.0 { 0.0 } else { d * d * by };
+        let part = |d: f64, by: f64| {
+            if by >= f64::MIN_POSITIVE {
+                return d * d * by;
+            }
+            // A subnormal coefficient, which may be read as zero, is a whole multiple of the least number.
+            let (d, times) = (d * ROOT_OF_LEAST, (by.to_bits() << 1 >> 1) as f64);
+            if times == 0.0 { 0.0 } else { times * d * d }
+        };
         Self { a, b, earth, bend: part(dx, earth[0]) + part(dy, earth[1]) }
     }
 
     /// The Earth does not bend it: it is flat, or the line moves along no axis that is curved (not at all, if it is
     /// plumb).
     pub(super) fn is_straight(&self) -> bool {
-        [0, 1].iter().all(|&axis| self.earth[axis] == 0.0 || self.a[axis] == self.b[axis])
+        [0, 1].iter().all(|&axis| {
+            compare(self.earth[axis], 0.0) == Sign::Zero || compare(self.a[axis], self.b[axis]) == Sign::Zero
+        })
     }
 
     /// By how much the line is lowered at t.
@@ -121,7 +133,7 @@ impl Line {
     /// The error of [`Line::bulge`] where t is off by at most `t_error`: W is off by 8 u W, t (1 - t) by t_error and
     /// two roundings, and the product by another; twice that, and all underflow.
     pub(super) fn bulge_error(&self, t_error: f64) -> f64 {
-        if self.is_straight() { 0.0 } else { self.bend * (t_error + 16.0 * ROUNDOFF) + f64::MIN_POSITIVE }
+        if self.is_straight() { 0.0 } else { self.bend * (t_error + 16.0 * ROUNDOFF) + FLUSHED }
     }
 
     pub(super) fn exact_bulge(&self, t: &BigRational) -> BigRational {

@@ -4,6 +4,7 @@
 
 mod degenerate;
 mod far;
+mod flushed;
 mod numbers;
 mod random;
 mod symmetry;

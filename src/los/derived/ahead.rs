@@ -5,6 +5,8 @@
 //! floor of the least coordinate less that error to the ceiling of the greatest and that error. A stretch that is not
 //! wholly in the grid by that reckoning, or with a void post there, is never passed over.
 
+use sightline_proto::predicates::FLUSHED;
+
 use crate::{
     los::{
         earth::Line,
@@ -64,9 +66,7 @@ impl Ahead {
             return None;
         }
         let rise = (b[2] - a[2]).abs();
-        let error = t_error * (rise + line.bend)
-            + 16.0 * ROUNDOFF * (a[2].abs().max(b[2].abs()) + line.bend)
-            + f64::MIN_POSITIVE;
+        let error = t_error * (rise + line.bend) + 16.0 * ROUNDOFF * (a[2].abs().max(b[2].abs()) + line.bend) + FLUSHED;
         let last = [f64::from(grid.nx() - 1), f64::from(grid.ny() - 1)];
         Some(Self { line: *line, last, error, leaf: LEAF_CELLS / cells })
     }

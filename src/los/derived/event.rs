@@ -10,7 +10,7 @@ use num_rational::BigRational;
 use num_traits::ToPrimitive;
 use sightline_proto::{
     diamond::Post,
-    predicates::{Exact, Sign, plan},
+    predicates::{Exact, FLUSHED, Sign, plan},
     verdict::LinePoint,
 };
 
@@ -65,12 +65,12 @@ impl Event {
         if self.is_below() { -self.place.clearance } else { 0.0 }
     }
 
-    /// Makes the rounded clearance agree with the exact sign.
+    /// Makes the rounded clearance agree with the exact sign, by a number that no processor's mode takes for zero.
     fn settled(mut self) -> Self {
         let clearance = self.place.clearance;
         self.place.clearance = match self.sign {
-            Some(Sign::Positive) => clearance.max(f64::from_bits(1)),
-            Some(Sign::Negative) => clearance.min(-f64::from_bits(1)),
+            Some(Sign::Positive) => clearance.max(f64::MIN_POSITIVE),
+            Some(Sign::Negative) => clearance.min(-f64::MIN_POSITIVE),
             _ => 0.0,
         };
         self
@@ -137,7 +137,7 @@ impl Chord {
         }
         let s = s.clamp(0.0, 1.0);
         let clearance = from + s * (to - from) - self.bend * s * (1.0 - s);
-        let least = f64::from_bits(1);
+        let least = f64::MIN_POSITIVE;
         let clearance = match self.dip {
             Dip::Below => clearance.min(-least),
             Dip::Touches => 0.0,
@@ -379,7 +379,7 @@ impl<'w, 'a, H: HeightField + ?Sized> Events<'w, 'a, H> {
             let bulge = self.line.exact_bulge(&t);
             nearest(&(z - bulge - exact_height_over(face, heights, [x, y])))
         });
-        (Place { point, t: nearest(&t), clearance }, 2.0 * ROUNDOFF * clearance.abs() + f64::MIN_POSITIVE)
+        (Place { point, t: nearest(&t), clearance }, 2.0 * ROUNDOFF * clearance.abs() + FLUSHED)
     }
 }
 

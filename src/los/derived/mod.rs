@@ -23,7 +23,7 @@ pub use witness::{MAX_WITNESSES, Witness, witnesses};
 
 use sightline_proto::{
     diamond::Post,
-    predicates::{Sign, plan},
+    predicates::{Sign, compare},
 };
 
 use self::event::{Chord, Event, Events};
@@ -184,8 +184,9 @@ pub(super) fn survey<H>(walk: &mut Walk<'_, H>, line: Line, strict: bool, until:
 where
     H: HeightField + ?Sized,
 {
-    let still = plan(line.a) == plan(line.b);
-    let moves = line.a != line.b;
+    let is_same = |axis: usize| compare(line.a[axis], line.b[axis]) == Sign::Zero;
+    let still = is_same(0) && is_same(1);
+    let moves = !(still && is_same(2));
     let mut events = Events::new(walk, line);
     let mut found = Survey::default();
     let mut last: Option<Event> = None;
@@ -256,7 +257,7 @@ impl Survey {
 /// Where a line that is not obstructed at the first end of a chord is so on it, or at its last end.
 fn entry(chord: &Chord, strict: bool, moves: bool) -> Option<Place> {
     let (from, to) = (&chord.from, &chord.to);
-    if strict && moves && from.sign == Some(Sign::Zero) && to.sign == Some(Sign::Zero) && chord.bend == 0.0 {
+    if strict && moves && from.sign == Some(Sign::Zero) && to.sign == Some(Sign::Zero) && chord.dip == Dip::None {
         // From end to end in the ground of one face: in contact from the first point on.
         return Some(from.place);
     }
@@ -269,5 +270,5 @@ fn entry(chord: &Chord, strict: bool, moves: bool) -> Option<Place> {
 /// Whether the line touches the ground strictly inside a chord: as a tangent, or all along.
 fn touches(chord: &Chord) -> bool {
     let zero = |e: &Event| e.sign == Some(Sign::Zero);
-    chord.dip == Dip::Touches || chord.bend == 0.0 && zero(&chord.from) && zero(&chord.to)
+    chord.dip == Dip::Touches || chord.dip == Dip::None && zero(&chord.from) && zero(&chord.to)
 }

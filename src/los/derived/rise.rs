@@ -11,7 +11,7 @@
 
 use sightline_proto::{
     number::{Dyadic, Interval, Number},
-    predicates::Sign,
+    predicates::{FLUSHED, Sign},
 };
 
 use super::event::Event;
@@ -71,7 +71,7 @@ fn rounded_order(event: &Event, other: &Event) -> Option<Sign> {
         let (clearance, t_at) = (c.place.clearance, t.place.t);
         let value = clearance * t_at;
         let bound = clearance.abs() * t.t_error + c.error * (t_at + t.t_error) + 4.0 * ROUNDOFF * value.abs();
-        (value, 1.01 * bound + f64::MIN_POSITIVE)
+        (value, 1.01 * bound + FLUSHED)
     };
     let ((left, left_error), (right, right_error)) = (product(other, event), product(event, other));
     let (difference, bound) = (left - right, left_error + right_error);

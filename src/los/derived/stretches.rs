@@ -13,7 +13,7 @@
 //! are too close. Where the ground comes into view inside a chord, at the line over the last crest, or bends away, t is
 //! rounded.
 
-use sightline_proto::predicates::Sign;
+use sightline_proto::predicates::{FLUSHED, Sign};
 
 use super::{
     ahead,
@@ -267,7 +267,7 @@ impl View {
         let (rise, error) = crest.rise();
         let z = self.line.a[2];
         let bulge = self.line.bulge_error(0.0);
-        let error = error + bulge + stretch.sag + 16.0 * ROUNDOFF * (rise.abs() + z.abs()) + f64::MIN_POSITIVE;
+        let error = error + bulge + stretch.sag + 16.0 * ROUNDOFF * (rise.abs() + z.abs()) + FLUSHED;
         // False when something is not a number.
         let over = |t: &f64| z + rise * t - self.line.bulge(*t) - error;
         stretch.ends.iter().all(|t| over(t) > stretch.ground)

@@ -5,7 +5,7 @@
 //! is asked, upwards or downwards in steps that double, and between the last two by halves. The answer is therefore
 //! exact, whatever the rounding of the first guess, and nearly always takes two to four questions.
 
-use sightline_proto::predicates::plan;
+use sightline_proto::predicates::{Sign, compare};
 
 use super::crest::view;
 use crate::{
@@ -24,7 +24,7 @@ where
 {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite([b[0], b[1], 0.0], ["bx", "by", "bz"])?;
-    if plan(a) == b {
+    if [0, 1].iter().all(|&axis| compare(a[axis], b[axis]) == Sign::Zero) {
         return Ok(None);
     }
     let mut lines = Lines::new(field);
@@ -85,7 +85,7 @@ fn least(guess: f64, blocked: &mut impl FnMut(f64) -> Result<bool, LosError>) ->
 /// The place of a finite f64 among all of them: neighbours differ by 1, both zeros are 0.
 fn number(v: f64) -> i64 {
     let magnitude = (v.to_bits() & (u64::MAX >> 1)) as i64;
-    if v < 0.0 { -magnitude } else { magnitude }
+    if v.is_sign_negative() { -magnitude } else { magnitude }
 }
 
 fn of_number(n: i64) -> f64 {

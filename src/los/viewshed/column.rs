@@ -75,6 +75,8 @@ pub(super) struct Shot {
     pub(super) q: f64,
     /// The sector held that q is in, numbered from the base; -1 before the first, their number after the last.
     pub(super) k: i32,
+    /// Whether q is so near to a ray that the post counts on both sides of it.
+    pub(super) is_near_ray: bool,
 }
 
 /// The posts of a column, projected.
@@ -159,7 +161,7 @@ impl<'a, H: HeightField + ?Sized> Reader<'a, H> {
                 most = greater(s.abs() + 2.0 * drop, most);
             }
             let q = y * per_y + sectors.offset;
-            Shot { s, q, k: sectors.number(q) }
+            sectors.shot(s, q)
         }));
         self.heights = heights;
         self.wild |= most * x > TAME;

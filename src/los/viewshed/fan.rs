@@ -222,6 +222,8 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
         let height = self.asker.view.target_height;
         let rise = height * column.per_x;
         Aim {
+            slot: self.n % SLOTS,
+            slot_before: (self.n + SLOTS - 1) % SLOTS,
             below_ground: height < 0.0,
             bounded: self.n > 0 && column.x >= ASKED_NEAR && !self.reader.wild,
             rise,
@@ -233,7 +235,7 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
     /// The verdict on the cell of post `b`, and whether it was asked; `None` when it is another fan's.
     #[inline]
     fn cell(&mut self, aim: &Aim, b: i64) -> Result<Option<(Verdict, bool)>, LosError> {
-        let column = self.column(self.n);
+        let column = &self.columns[aim.slot];
         let y = self.frame.y(b);
         // A cell as far along both axes is east's or west's.
         if if self.frame.axis == 0 { y.abs() > column.x } else { y.abs() >= column.x } {
@@ -264,11 +266,11 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
     #[inline]
     fn bounded(&self, aim: &Aim, b: i64, y: f64, post: Shot) -> Option<Verdict> {
         let (target, margin) = (post.s + aim.rise, aim.margin);
-        let bounds = self.bounds(self.upper(self.n), post);
+        let bounds = self.bounds(&self.uppers[aim.slot], post);
         if target + margin < bounds.lower {
             return Some(Verdict::Blocked);
         }
-        let last = self.last_crossing(b, y, post.q);
+        let last = self.last_crossing(aim, b, y, post.q);
         if last > target + margin {
             return Some(Verdict::Blocked);
         }
@@ -289,7 +291,7 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
         let horizon = &self.horizon;
         let k = post.k as usize;
         let mut bounds = Bounds { upper: upper[k], lower: horizon.lower[k], gap: horizon.gaps[k] };
-        if horizon.sectors.is_near_ray(post.q) {
+        if post.is_near_ray {
             for other in horizon.sectors.around(post.q) {
                 bounds.upper = bounds.upper.max(upper[other]);
                 bounds.lower = bounds.lower.min(horizon.lower[other]);
@@ -304,12 +306,12 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
     /// The projected height at which the path to post `b` crosses a diagonal after the column before; minus infinity
     /// where it crosses none, NaN where that is unknown.
     #[inline]
-    fn last_crossing(&self, b: i64, y: f64, q: f64) -> f64 {
+    fn last_crossing(&self, aim: &Aim, b: i64, y: f64, q: f64) -> f64 {
         if (self.a + b) & 1 == 0 || y == 0.0 {
             return f64::NEG_INFINITY;
         }
         // A diagonal joins the posts beside this one of even sum; the path comes from the side of A.
-        let (column, before) = (self.column(self.n), self.column(self.n - 1));
+        let (column, before) = (&self.columns[aim.slot], &self.columns[aim.slot_before]);
         let beside = if y > 0.0 { b - 1 } else { b + 1 };
         let (Some(from), Some(to)) = (before.post(b), column.post(beside)) else { return f64::NAN };
         from.s + (q - from.q) / (to.q - from.q) * (to.s - from.s)
@@ -318,6 +320,9 @@ impl<'a, H: HeightField + ?Sized> Fan<'a, H> {
 
 /// What the targets of a column have in common.
 struct Aim {
+    /// Where the column at hand is held, and the one before.
+    slot: usize,
+    slot_before: usize,
     below_ground: bool,
     /// Whether bounds may be used.
     bounded: bool,

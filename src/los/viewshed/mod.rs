@@ -28,6 +28,7 @@ use std::{
 };
 
 use rayon::prelude::*;
+use sightline_proto::predicates::{Sign, compare};
 use thiserror::Error;
 
 use self::{
@@ -163,7 +164,10 @@ where
     let own = Lines::new(field).ask(view.observer, view.observer, asker.options())?;
     let mut delivery = Delivery { cells: &cells, sink: &mut sink, open: Tiles::new(), summary: Summary::default() };
     let bend: f64 = view.earth.coefficients().iter().sum();
-    let trusted = cells.reach() < REACH_LIMIT && z.abs() < TAME && bend * REACH_LIMIT * REACH_LIMIT < TAME;
+    let trusted = cells.reach() < REACH_LIMIT
+        && z.abs() < TAME
+        && bend * REACH_LIMIT * REACH_LIMIT < TAME
+        && view.earth.coefficients().into_iter().chain([x, y]).all(is_large);
     if own.verdict == Verdict::Blocked || !trusted {
         // Every line from below the ground is blocked, which its end tells; what is too large for bounds is asked.
         for page in cells.pages() {
@@ -198,6 +202,11 @@ pub fn viewshed_extent(grid: Grid, view: &View) -> Result<([[u32; 2]; 2], u64), 
     };
     let ([west, east], [south, north]) = (ends(0), ends(1));
     Ok(([[west, south], [east, north]], cells.total()))
+}
+
+/// Whether a number is 0 or so large that no difference of such numbers is subnormal.
+fn is_large(v: f64) -> bool {
+    v.abs() >= 1e-270 || compare(v, 0.0) == Sign::Zero
 }
 
 /// Cells that were decided together, and how many of them were asked.
@@ -274,11 +283,12 @@ impl<'a, H: HeightField + ?Sized> Asker<'a, H> {
         let [x, y] = [f64::from(i), f64::from(j)];
         let height = self.view.target_height;
         let (sum, error) = two_sum(z, height);
-        let top = match error {
+        // Of numbers that are not small, no sum and no error of one is subnormal.
+        let top = match if is_large(z) && is_large(height) { error } else { f64::NAN } {
             // The exact sum is above its rounded value.
             e if e > 0.0 => sum.next_up(),
             e if e <= 0.0 => sum,
-            // NaN: out of the range in which a sum knows its error.
+            // Out of the range in which a sum knows its error.
             _ => on_ground(self.field, x, y, height)?.unwrap_or(sum),
         };
         if !top.is_finite() {

@@ -10,6 +10,8 @@
 //! of a triangle stands at c / x + g - w x, with w at most east + north: between two crossings less than two posts apart
 //! it exceeds the greater one by at most 2 w.
 
+use sightline_proto::predicates::FLUSHED;
+
 use super::{
     column::{Frame, Reader},
     push::{Gap, Horizon, Sectors, greater},
@@ -90,7 +92,7 @@ fn push_post(horizon: &mut Horizon, bulge: f64, corner: Option<Corner>) {
     }
     let s = z / x;
     for k in horizon.sectors.around(y / x * scale + offset) {
-        horizon.posts[k] = greater(s + s.abs() * ERROR + 4.0 * bulge + f64::MIN_POSITIVE, horizon.posts[k]);
+        horizon.posts[k] = greater(s + s.abs() * ERROR + 4.0 * bulge + FLUSHED, horizon.posts[k]);
         if z.is_nan() {
             horizon.gaps[k] = horizon.gaps[k].max(Gap::Some);
         }
@@ -122,7 +124,7 @@ fn push_edge(horizon: &mut Horizon, bulge: f64, from: Option<Corner>, to: Option
             }
             continue;
         }
-        let z = from.z + share * (to.z - from.z) + (from.z.abs() + to.z.abs()) * ERROR + bulge + f64::MIN_POSITIVE;
+        let z = from.z + share * (to.z - from.z) + (from.z.abs() + to.z.abs()) * ERROR + bulge + FLUSHED;
         let s = match z < 0.0 {
             true => z / (x + ERROR),
             false if x > ERROR => z / (x - ERROR),

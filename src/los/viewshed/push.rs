@@ -25,6 +25,8 @@
 //! ends, by at most (east + north) / 4 each, both being at most a cell long: the margin has their sum, divided by the
 //! distance. Lower bounds need none of it. A target that clears the last crossing by that clears the chord to its post.
 
+use sightline_proto::predicates::FLUSHED;
+
 use super::column::{Column, Frame, Shot};
 
 /// Edges that span less of the slope are left to their posts.
@@ -35,7 +37,7 @@ pub(super) const NEAR_RAY: f64 = 2.0 * RADIAL;
 /// How far a projected height of two columns can be off.
 pub(super) fn margin(frame: &Frame, before: &Column, column: &Column) -> f64 {
     // The column before is at least half as far away, or there is none.
-    before.most.max(column.most) / (1 << 23) as f64 + frame.bulge() * column.per_x + f64::MIN_POSITIVE
+    before.most.max(column.most) / (1 << 23) as f64 + frame.bulge() * column.per_x + FLUSHED
 }
 
 /// The sectors of a fan.
@@ -70,23 +72,25 @@ impl Sectors {
         first as usize..(end as usize).max(first as usize)
     }
 
-    /// The sector held that q is in, numbered from the base; -1 before the first, their number after the last.
+    /// The projected post at height `s` and slope `q`.
     #[inline]
-    pub(super) fn number(&self, q: f64) -> i32 {
-        (floor(q) - self.base).clamp(-1, self.len as i64) as i32
+    pub(super) fn shot(&self, s: f64, q: f64) -> Shot {
+        let sector = floor(q);
+        let (fraction, near) = (q - sector as f64, NEAR_RAY * self.scale);
+        let k = (sector - self.base).clamp(-1, self.len as i64) as i32;
+        Shot { s, q, k, is_near_ray: fraction <= near || fraction >= 1.0 - near }
     }
 
-    /// Whether q is so near to a ray that it counts on both sides.
+    /// The rays between two sectors, numbered from the base: the number of each, and its q.
     #[inline]
-    pub(super) fn is_near_ray(&self, q: f64) -> bool {
-        let (fraction, near) = (q - floor(q) as f64, NEAR_RAY * self.scale);
-        fraction <= near || fraction >= 1.0 - near
-    }
-
-    /// q of a ray numbered from the base.
-    #[inline]
-    fn ray(&self, k: i32) -> f64 {
-        (self.base + i64::from(k)) as f64
+    fn between(&self, from: i32, to: i32, mut of: impl FnMut(usize, f64)) {
+        let (mut k, mut ray) = (from + 1, (self.base + i64::from(from) + 1) as f64);
+        // Mostly one or two: counting in f64, which is exact, keeps the compiler from making a loop for many.
+        while k <= to {
+            of(k as usize, ray);
+            k += 1;
+            ray += 1.0;
+        }
     }
 }
 
@@ -158,9 +162,7 @@ impl Horizon {
             let (from, to) = (pair[0], pair[1]);
             // Numbers are the same for both edges of a post, so no ray falls between two edges.
             let slope = (to.s - from.s) * per_q;
-            for k in from.k + 1..=to.k {
-                self.chain[k as usize] = from.s + (sectors.ray(k) - from.q) * slope;
-            }
+            sectors.between(from.k, to.k, |k, ray| self.chain[k] = from.s + (ray - from.q) * slope);
         }
         for &post in &column.posts {
             self.push_post(post, margin);
@@ -169,9 +171,8 @@ impl Horizon {
         for ((lower, &least), (&left, &right)) in low {
             let low = if left < right { left } else { right };
             let low = if least < low { least } else { low } - margin;
-            // A NaN on either side is unknown ground in the sector.
-            let sure = left + right;
-            *lower = if !sure.is_nan() && low > *lower { low } else { *lower };
+            // A NaN on either side is unknown ground in the sector, an infinity no crossing: this then adds NaN.
+            *lower = greater(low + 0.0 * (left + right), *lower);
         }
         for (ray, &crossing) in self.rays.iter_mut().zip(&self.chain) {
             *ray = greater(crossing + margin, *ray);
@@ -179,13 +180,13 @@ impl Horizon {
     }
 
     #[inline]
-    fn push_post(&mut self, Shot { s, q, k }: Shot, margin: f64) {
+    fn push_post(&mut self, Shot { s, q, k, is_near_ray }: Shot, margin: f64) {
         let least = if s.is_nan() { f64::NEG_INFINITY } else { s };
         let mut push = |k: usize| {
             self.posts[k] = greater(s + margin, self.posts[k]);
             self.least[k] = if least < self.least[k] { least } else { self.least[k] };
         };
-        if self.sectors.is_near_ray(q) {
+        if is_near_ray {
             self.sectors.around(q).for_each(push);
         } else if k >= 0 && (k as usize) < self.sectors.len {
             push(k as usize);
@@ -231,11 +232,11 @@ impl Horizon {
             return;
         }
         let slope = (to.s - from.s) / span;
-        for k in from.k + 1..=to.k {
-            let ray = &mut self.rays[k as usize];
+        let rays = &mut self.rays;
+        self.sectors.between(from.k, to.k, |k, ray| {
             // A void end makes this NaN, which raises nothing.
-            *ray = greater(from.s + (self.sectors.ray(k) - from.q) * slope + margin, *ray);
-        }
+            rays[k] = greater(from.s + (ray - from.q) * slope + margin, rays[k]);
+        });
     }
 
     /// Notes which sectors the void posts of the last two columns touch, and which the last crosses void altogether.
