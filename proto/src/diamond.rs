@@ -48,11 +48,13 @@ impl Post {
     }
 
     /// The post `di` east and `dj` north of this one; `None` outside the square of `side` cells from (0, 0).
+    #[inline]
     pub fn offset(self, di: i64, dj: i64, side: u32) -> Option<Self> {
         let at = |v: u32, d: i64| u32::try_from(i64::from(v) + d).ok().filter(|&v| v <= side);
         Some(Self { i: at(self.i, di)?, j: at(self.j, dj)? })
     }
 
+    #[inline]
     fn midpoint(self, other: Self) -> Option<Self> {
         let (i, j) = (self.i + other.i, self.j + other.j);
         (i % 2 == 0 && j % 2 == 0).then_some(Self { i: i / 2, j: j / 2 })
@@ -84,16 +86,19 @@ pub struct Triangle {
 
 impl Triangle {
     /// The post at which the triangle is split; `None` when it is a triangle of the finest surface.
+    #[inline]
     pub fn base_midpoint(&self) -> Option<Post> {
         self.e0.midpoint(self.e1)
     }
 
     /// The two children across the base midpoint `m`, in the order in which a mesh visits them.
+    #[inline]
     pub fn children(&self, m: Post) -> [Self; 2] {
         [Self { apex: m, e0: self.apex, e1: self.e0 }, Self { apex: m, e0: self.e1, e1: self.apex }]
     }
 
     /// The same triangle with its base reversed if (apex, e0, e1) turned counter-clockwise.
+    #[inline]
     fn clockwise(self) -> Self {
         let [a, e0, e1] = [self.apex, self.e0, self.e1].map(|p| (i64::from(p.i), i64::from(p.j)));
         let turn = (e0.0 - a.0) * (e1.1 - a.1) - (e0.1 - a.1) * (e1.0 - a.0);
@@ -151,11 +156,13 @@ impl RootSquare {
     }
 
     /// Whether `p` is a post of the square.
+    #[inline]
     pub fn contains(self, p: Post) -> bool {
         p.i <= self.side() && p.j <= self.side()
     }
 
     /// Whether `p` is one of the four corners, which belong to every mesh and are no diamond's centre.
+    #[inline]
     pub fn is_corner(self, p: Post) -> bool {
         (p.i == 0 || p.i == self.side()) && (p.j == 0 || p.j == self.side())
     }
@@ -170,6 +177,7 @@ impl RootSquare {
     }
 
     /// The level of the diamond at `p`: 0 for the centre of the square, up to 2m - 1; `None` for a corner.
+    #[inline]
     pub fn level(self, p: Post) -> Option<u8> {
         if self.is_corner(p) {
             return None;
@@ -184,6 +192,7 @@ impl RootSquare {
 
     /// The posts that must be active before `p` may be: the apexes of its diamond's triangles. Two, or one where the
     /// diamond is cut by the border of the square; none for a corner.
+    #[inline]
     pub fn parents(self, p: Post) -> impl Iterator<Item = Post> {
         let offsets = if self.is_corner(p) { [(0, 0); 2] } else { Self::apex_offsets(p) };
         let side = self.side();
@@ -194,6 +203,7 @@ impl RootSquare {
     ///
     /// (A corner is the apex of a root triangle and so the parent of the centre; that is not listed here because
     /// corners are always active.)
+    #[inline]
     pub fn children(self, p: Post) -> impl Iterator<Item = Post> {
         let offsets = match (self.is_corner(p), Kind::of(p)) {
             (true, _) => [(0, 0); 4],
@@ -212,6 +222,7 @@ impl RootSquare {
 
     /// The triangles of the diamond at `p`, which has its base midpoint there: two, or one on the border of the
     /// square; none for a corner. Each is oriented as descending from the roots would orient it.
+    #[inline]
     pub fn triangles(self, p: Post) -> impl Iterator<Item = Triangle> {
         let side = self.side();
         self.parents(p)
@@ -235,6 +246,7 @@ impl RootSquare {
         [e0, e1].into_iter().filter(|&e| self.level(e).is_some()).max_by_key(|&e| self.level(e))
     }
 
+    #[inline]
     fn apex_offsets(p: Post) -> [(i64, i64); 2] {
         let (b, kind) = Kind::of(p);
         let d = i64::from(b);
@@ -242,7 +254,7 @@ impl RootSquare {
             Kind::TiltedEast => [(0, -d), (0, d)],
             Kind::TiltedNorth => [(-d, 0), (d, 0)],
             // The apexes are the corners whose coordinates, in steps of 2b, have an odd sum.
-            Kind::Square if (i64::from(p.i) - d + i64::from(p.j) - d) / (2 * d) % 2 != 0 => [(-d, -d), (d, d)],
+            Kind::Square if (i64::from(p.i) - d + i64::from(p.j) - d) & (2 * d) != 0 => [(-d, -d), (d, d)],
             Kind::Square => [(d, -d), (-d, d)],
         }
     }
@@ -260,6 +272,7 @@ enum Kind {
 
 impl Kind {
     /// The kind of `p`'s diamond and the half-length b. Not for post (0, 0).
+    #[inline]
     fn of(p: Post) -> (u32, Self) {
         let b = 1 << (p.i | p.j).trailing_zeros().min(31);
         let kind = match (p.i & b != 0, p.j & b != 0) {

@@ -149,6 +149,7 @@ impl Nodes {
         self.hot = [0; 2];
     }
 
+    #[inline]
     pub(super) fn slot(&self, p: Post) -> Option<u32> {
         self.slots.get(&p.key()).copied()
     }

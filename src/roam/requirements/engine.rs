@@ -29,7 +29,7 @@ use super::{
     entry::{Entry, Standing},
     ground::Ground,
     ledger::Ledger,
-    near::Near,
+    near::{Near, may_touch},
     room::Overflow,
     rule::Rule,
     witness::find,
@@ -203,12 +203,17 @@ impl<T: Terrain> Run<'_, '_, T> {
         changed.sort_unstable();
         let changed: Vec<_> = changed.chunk_by(|p, q| p == q).filter(|c| c.len() % 2 == 1).map(|c| c[0]).collect();
         let entries = &mut self.state.entries;
-        for entry in entries.iter_mut().filter(|entry| entry.is_new) {
-            entry.check(self.queue)?;
-        }
         let mut met: Vec<(u32, Post)> = Vec::new();
         for &p in &changed {
-            self.state.near.for_each(p, |n| met.push((n, p)));
+            self.state.near.for_each(p, |n| {
+                let entry = &entries[n as usize];
+                if !entry.is_new && may_touch(&entry.line, p) {
+                    met.push((n, p));
+                }
+            });
+        }
+        for entry in entries.iter_mut().filter(|entry| entry.is_new) {
+            entry.check(self.queue)?;
         }
         met.sort_unstable();
         met.dedup();

@@ -11,7 +11,6 @@ use sightline_proto::{
 use super::{
     RequiredLine,
     ground::Ground,
-    near::may_touch,
     rule::Rule,
     stable::steadiest,
     witness::{Witness, find},
@@ -111,10 +110,11 @@ impl Entry {
         Ok(())
     }
 
-    /// Checks the line after the diamonds at `changed` were split or merged, and nothing else near it.
+    /// Checks a line that is not new after the diamonds at `changed`, which it may touch, were split or merged, and
+    /// nothing else near it.
     pub(super) fn check_near<T: Terrain>(&mut self, mesh: &DualQueue<T>, changed: &[Post]) -> Result<(), ReadError> {
         match self.rule {
-            Rule::Clear if self.holds && !self.is_new => {
+            Rule::Clear if self.holds => {
                 let is_new_above = |&p: &Post| {
                     let parts = mesh.root().triangles(p).filter(|t| mesh.height_of(t.apex).is_some());
                     parts.into_iter().any(|t| {
@@ -122,13 +122,12 @@ impl Entry {
                             .is_break()
                     })
                 };
-                self.holds = !changed.iter().filter(|&&p| may_touch(&self.line, p)).any(is_new_above);
+                self.holds = !changed.iter().any(is_new_above);
                 Ok(())
             }
             // While the triangle above it is there, and it is where it was, nothing else counts.
-            Rule::Blocked if self.holds && !self.is_new && self.cover.is_some_and(|t| mesh.has(&t)) => Ok(()),
-            _ if changed.iter().any(|&p| may_touch(&self.line, p)) => self.check(mesh),
-            _ => Ok(()),
+            Rule::Blocked if self.holds && self.cover.is_some_and(|t| mesh.has(&t)) => Ok(()),
+            _ => self.check(mesh),
         }
     }
 

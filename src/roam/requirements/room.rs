@@ -10,7 +10,7 @@ use super::{
     entry::Standing,
     ledger::Ledger,
     rule::Rule,
-    stable::{part_of_clear_set, witness_set},
+    stable::{part_of_clear_set, way_set, witness_set},
 };
 use crate::{roam::Terrain, terrain::ReadError};
 
@@ -79,8 +79,8 @@ impl<T: Terrain> Run<'_, '_, T> {
         Ok(!self.overflows(first + 1)?)
     }
 
-    /// Whether the joint stable set of the first `count` lines is known to overflow the budget. Of those that hold where
-    /// nothing is wrong a part is looked at, of those with an obstruction nothing.
+    /// Whether the joint stable set of the first `count` lines is known to overflow the budget. Of what keeps anything
+    /// from being wrong for a line, a part is looked at.
     fn overflows(&mut self, count: usize) -> Result<bool, ReadError> {
         let (ground, max) = (self.ground, self.allowed.max);
         if self.state.overflow.is_some_and(|found| found.max == max && found.lines <= count) {
@@ -94,10 +94,17 @@ impl<T: Terrain> Run<'_, '_, T> {
                 return Ok(true);
             }
         }
-        for entry in self.state.entries[..count].iter_mut().filter(|entry| entry.rule == Rule::Blocked) {
-            entry.find_steadiest(ground)?;
-            let Some(witness) = &entry.steadiest else { continue };
-            witness_set(ground, &entry.line, witness)?.into_iter().for_each(|p| joint.add(p));
+        for entry in &mut self.state.entries[..count] {
+            let set = match &entry.rule {
+                Rule::Obstruction(aim) => way_set(ground, &entry.line, &entry.rule, &aim.face)?,
+                Rule::Blocked => {
+                    entry.find_steadiest(ground)?;
+                    let Some(witness) = &entry.steadiest else { continue };
+                    witness_set(ground, &entry.line, witness)?
+                }
+                Rule::Clear | Rule::Wedgie | Rule::Profile | Rule::Ground => continue,
+            };
+            set.into_iter().for_each(|p| joint.add(p));
             if joint.triangles() > u64::from(max) {
                 self.state.overflow = Some(Overflow { max, lines: count });
                 return Ok(true);

@@ -5,7 +5,9 @@
 //! triangle that breaks the rule. *Blocked line.* For one point p of it below known ground, every post with a triangle T
 //! over p with plane_T(p) - thickness_T <= z(p): the unsplit triangle over p is then above the line. Where p lies on an
 //! edge, one finest triangle beside it is chosen, and only the triangles that contain that one count: the unsplit one
-//! over p is among them, and the set is smaller.
+//! over p is among them, and the set is smaller. *Obstruction*: every post with a triangle T that, raised by thickness_T,
+//! would obstruct the line too early, and every one with a T over the finest triangle of the true place that, lowered by
+//! thickness_T, would not obstruct it near enough. The unsplit triangle over that place then does, itself.
 //!
 //! What a visible line needs on any mesh is in its set, and so is what a blocked one needs for that point. So the sets
 //! need not be made to be relied on: while lines take no more than they need in this sense, a run of lines whose joint
@@ -65,8 +67,27 @@ pub(super) fn witness_set<T: Terrain>(
     Ok(posts)
 }
 
-/// Of the stable set of a line that holds where nothing is wrong, the posts that are found from the roots down through
-/// posts of the set alone. None of [`Rule::Blocked`] and [`Rule::Obstruction`].
+/// Of the stable set of a line with an obstruction, the triangles over the finest one of the true place, without ancestors.
+pub(super) fn way_set<T: Terrain>(
+    ground: &Ground<'_, T>,
+    line: &RequiredLine,
+    rule: &Rule,
+    face: &Triangle,
+) -> Result<Vec<Post>, ReadError> {
+    let grid = (ground.grid().nx(), ground.grid().ny());
+    let mut posts = Vec::new();
+    for triangle in path(ground.grid().root().roots(), face) {
+        let Some(middle) = triangle.base_midpoint() else { break };
+        let bottom = moved(ground.in_space(&triangle)?, -f64::from(ground.bounds(middle)?.tight));
+        if bottom.is_none_or(|corners| !rule.is_helped_by(corners, line, grid)) {
+            posts.push(middle);
+        }
+    }
+    Ok(posts)
+}
+
+/// Of the part of a line's stable set after which nothing is wrong for it, the posts that are found from the roots down
+/// through posts of that part alone. None of [`Rule::Blocked`].
 pub(super) fn part_of_clear_set<T: Terrain>(
     ground: &Ground<'_, T>,
     line: &RequiredLine,
@@ -77,8 +98,12 @@ pub(super) fn part_of_clear_set<T: Terrain>(
         let corners = ground.in_space(triangle)?;
         let tight = thickness(ground, triangle)?;
         Ok(match rule {
-            Rule::Blocked | Rule::Obstruction(_) => false,
+            Rule::Blocked => false,
             Rule::Clear => moved(corners, tight.into()).is_none_or(|top| passes_below(line.a, line.b, top, grid)),
+            Rule::Obstruction(_) => match moved(corners, tight.into()) {
+                Some(top) => rule.breaks(triangle, top, || Ok(tight), line, grid)?,
+                None => true,
+            },
             Rule::Wedgie => rule.breaks(triangle, corners, || Ok(tight), line, grid)?,
             Rule::Profile | Rule::Ground => {
                 let flat = corners.map(|[x, y, _]| [x, y, 1.0]);

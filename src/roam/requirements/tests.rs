@@ -10,9 +10,10 @@ use sightline_proto::{
 };
 
 use super::{
+    aim::{Aim, first_below},
     ground::Ground,
-    rule::first_on,
-    stable::{MAX_STEADY, steadiest, witness_set},
+    rule::{Rule, first_on},
+    stable::{MAX_STEADY, part_of_clear_set, steadiest, way_set, witness_set},
     witness::witnesses,
     *,
 };
@@ -182,7 +183,7 @@ fn each_line_holds_or_is_named_and_never_both() {
 }
 
 /// The stable set of a line by its definition, over all triangles of the hierarchy. For a blocked line: the least one
-/// over the same witnesses, with every triangle that contains the chosen face.
+/// over the same witnesses, with every triangle that contains the chosen face; with an obstruction, the face of that.
 fn naive_stable(terrain: &MemoryTerrain, line: &RequiredLine) -> Vec<Post> {
     let root = terrain.grid().root();
     let grid = (terrain.grid().nx(), terrain.grid().ny());
@@ -196,6 +197,18 @@ fn naive_stable(terrain: &MemoryTerrain, line: &RequiredLine) -> Vec<Post> {
         }
     }
     let closed = |set: Vec<Post>| triangle_count(root, &closure(root, set));
+    let ground = Ground::new(terrain);
+    let rule = Rule::of(line, |distance_m| Aim::of(&ground, SCALE, line, distance_m)).unwrap();
+    if let Some(Rule::Obstruction(aim)) = &rule {
+        let moved = |c: [[f64; 3]; 3], by: f64| c.map(|[x, y, z]| [x, y, z + by]);
+        // Fractions only where there is something below.
+        let first = |c| passes_below(line.a, line.b, c, grid).then(|| first_below(line.a, line.b, c, grid)).flatten();
+        let early = |c| first(c).is_some_and(|t| aim.is_early(&t));
+        let near = |c| first(c).is_some_and(|t| aim.is_near(&t));
+        let over = |t: &Triangle| aim.face.corners().iter().all(|&p| covers(t, p));
+        let wrong = all.iter().filter(|(_, t, c, by)| early(moved(*c, *by)) || over(t) && !near(moved(*c, -*by)));
+        return wrong.map(|e| e.0).collect();
+    }
     match line.verdict {
         None => Vec::new(),
         Some(MeshVerdict::Visible) => {
@@ -204,7 +217,6 @@ fn naive_stable(terrain: &MemoryTerrain, line: &RequiredLine) -> Vec<Post> {
             all.iter().filter(|(_, _, c, t)| exceeds(*c, *t)).map(|e| e.0).collect()
         }
         Some(MeshVerdict::Blocked) => {
-            let ground = Ground::new(terrain);
             let sets = witnesses(&ground, line).unwrap().into_iter().take(MAX_STEADY).map(|w| {
                 let contains = |t: &Triangle| w.face.corners().iter().all(|&p| covers(t, p));
                 let near = |c: [[f64; 3]; 3], t: f64| {
@@ -225,6 +237,10 @@ fn covers(t: &Triangle, p: Post) -> bool {
     [(a, b), (b, c), (c, a)].iter().all(|(u, v)| (v.0 - u.0) * (p.1 - u.1) - (v.1 - u.1) * (p.0 - u.0) >= 0)
 }
 
+fn verdict_or_obstruction(id: u64) -> Fidelity {
+    if id.is_multiple_of(3) { Fidelity::Obstruction { distance_m: 20.0 * (id % 7) as f64 } } else { Fidelity::Verdict }
+}
+
 #[test]
 fn the_longest_run_whose_stable_sets_fit_is_never_named() {
     let mut in_runs = 0;
@@ -232,7 +248,7 @@ fn the_longest_run_whose_stable_sets_fit_is_never_named() {
         let terrain = terrain(41, 33, seed);
         let root = terrain.grid().root();
         let mut lines = lines(&terrain, seed, 40);
-        lines.iter_mut().for_each(|line| line.fidelity = Fidelity::Verdict);
+        lines.iter_mut().for_each(|line| line.fidelity = verdict_or_obstruction(line.id));
         let mut ordered = lines.clone();
         ordered.sort_by_key(|line| (line.priority, line.id));
         let sets: Vec<_> = ordered.iter().map(|line| naive_stable(&terrain, line)).collect();
@@ -275,7 +291,7 @@ fn moving_lines_keep_what_they_own_and_what_must_fit_is_never_named() {
         let terrain = terrain(41, 33, seed);
         let root = terrain.grid().root();
         let mut lines = lines(&terrain, seed, 40);
-        lines.iter_mut().for_each(|line| line.fidelity = Fidelity::Verdict);
+        lines.iter_mut().for_each(|line| line.fidelity = verdict_or_obstruction(line.id));
         lines.sort_by_key(|line| (line.priority, line.id));
         let camera = camera(&terrain, seed);
         let mut meshes: Vec<_> =
@@ -329,9 +345,16 @@ fn a_mesh_with_the_stable_set_is_right_whatever_else_is_split() {
         let terrain = terrain(50, 41, seed);
         let ground = Ground::new(&*terrain);
         let root = terrain.grid().root();
-        for line in lines(&terrain, seed, 60).into_iter().filter(|line| line.fidelity == Fidelity::Verdict) {
+        let mut lines = lines(&terrain, seed, 60);
+        lines.iter_mut().for_each(|line| line.fidelity = verdict_or_obstruction(line.id));
+        for line in lines {
             let mut set = naive_stable(&terrain, &line);
-            if line.verdict == Some(MeshVerdict::Blocked) {
+            let rule = Rule::of(&line, |distance_m| Aim::of(&ground, SCALE, &line, distance_m)).unwrap();
+            if let Some(Rule::Obstruction(aim)) = &rule {
+                let way = way_set(&ground, &line, rule.as_ref().unwrap(), &aim.face).unwrap();
+                let clear = part_of_clear_set(&ground, &line, rule.as_ref().unwrap()).unwrap();
+                assert!(way.iter().chain(&clear).all(|p| set.contains(p)), "seed {seed}, {line:?}");
+            } else if line.verdict == Some(MeshVerdict::Blocked) {
                 let witness = steadiest(&ground, &line, &witnesses(&ground, &line).unwrap()).unwrap().unwrap();
                 let mut found = witness_set(&ground, &line, &witness).unwrap();
                 found.sort();
