@@ -2,7 +2,8 @@
 //! frame: the same flights in one run, one core; meshes and bounds checked to be equal.
 //!
 //! `cargo run --release --manifest-path tests/bench/Cargo.toml --bin roam -- [DATABASE] [SIDE] [FRAMES] [HZ]`: a synthetic
-//! terrain by default, or the north-eastern SIDE x SIDE posts (4097) of a database, held in memory.
+//! terrain by default, or the north-eastern SIDE x SIDE posts (4097) of a database, held in memory; and of a whole database,
+//! how long a first mesh takes that is made from it.
 
 use std::{error::Error, path::Path, sync::Arc, time::Instant};
 
@@ -59,7 +60,38 @@ fn main() -> Result<()> {
             }
         }
     }
+    if let Some(path) = arguments.first() {
+        first_mesh(Path::new(path))?;
+    }
     tightness(&terrain)
+}
+
+/// How long a first mesh of 10,000 triangles takes from a database that was just opened, its file in the system's cache,
+/// and that of another view after it, with the pages read.
+fn first_mesh(path: &Path) -> Result<()> {
+    let (mut opened, mut warm) = (Vec::new(), Vec::new());
+    for _ in 0..9 {
+        let database = Arc::new(Database::open(path, OpenOptions::default())?);
+        let scale = database.scale();
+        let camera = camera(&*database, scale, Flight::Straight, 0, 60.0)?;
+        let mut meshes = Vec::new();
+        for ms in [&mut opened, &mut warm] {
+            let started = Instant::now();
+            let mut mesh = ViewMesh::new(Arc::clone(&database), scale)?;
+            let report = mesh.update(&camera, Target::TriangleBudget(10_000), &[])?;
+            ms.push(started.elapsed().as_secs_f64() * 1e3);
+            meshes.push((report, mesh.active_posts()));
+        }
+        if meshes[0] != meshes[1] || meshes[0].0.triangles < 9_999 {
+            return Err("two first meshes differ".into());
+        }
+    }
+    println!(
+        "\nfirst mesh, 10000 triangles, from a database: opened {:.1} ms, warm {:.1} ms",
+        middle(opened),
+        middle(warm)
+    );
+    Ok(())
 }
 
 /// The north-east of a database, with its bounds.
@@ -79,15 +111,15 @@ enum Flight {
 }
 
 /// The camera of a frame.
-fn camera(terrain: &MemoryTerrain, flight: Flight, frame: u32, rate_hz: f64) -> Result<Camera> {
-    let (grid, scale) = (terrain.grid(), terrain.scale());
+fn camera<H: HeightField>(field: &H, scale: SceneScale, flight: Flight, frame: u32, rate_hz: f64) -> Result<Camera> {
+    let grid = field.grid();
     let t_s = f64::from(frame) / rate_hz;
     let [x, y] = match flight {
         Flight::Teleport => [7, 13].map(|k| 0.15 + 0.7 * (synthetic::mix(u64::from(frame) * k) % 1000) as f64 / 1000.0),
         _ => [0.5, 0.3],
     };
     let posts = [x * f64::from(grid.nx()), y * f64::from(grid.ny())];
-    let start = Posts::new(terrain).at(Post::new(posts[0] as u32, posts[1] as u32))?.z;
+    let start = Posts::new(field).at(Post::new(posts[0] as u32, posts[1] as u32))?.z;
     let mut eye = scale.scene_from_grid(DVec3::new(posts[0], posts[1], start)) + DVec3::Z * (ABOVE_M + 600.0);
     if flight == Flight::Straight {
         eye += DVec3::Y * (SPEED_M_S * t_s);
@@ -124,7 +156,7 @@ fn compare(terrain: &Arc<MemoryTerrain>, flight: Flight, triangles: u32, frames:
         let mut mesh = ViewMesh::new(Arc::clone(terrain), terrain.scale())?;
         mesh.set_options(options);
         for frame in 0..frames {
-            let camera = camera(terrain, flight, frame, rate_hz)?;
+            let camera = camera(&**terrain, terrain.scale(), flight, frame, rate_hz)?;
             let started = Instant::now();
             let report = mesh.update(&camera, Target::TriangleBudget(triangles), &[])?;
             series.add(started.elapsed().as_secs_f64() * 1e3, &report);
@@ -146,14 +178,15 @@ fn compare(terrain: &Arc<MemoryTerrain>, flight: Flight, triangles: u32, frames:
     let scratch = p95(&all[3].1);
     for (name, series) in &all {
         println!(
-            "  {name:30} {:8.3} / {:7.3} / {:7.3}  1/{:5.1}; {:7} priorities, {:5} toggles; first {:5.1}; {:4} B a \
-             triangle; {} frames over 64 + 20 a toggle",
+            "  {name:30} {:8.3} / {:7.3} / {:7.3}  1/{:5.1}; {:7} priorities, {:5} toggles, {:.2} us each; first {:5.1}; {:4} \
+             B a triangle; {} frames over 64 + 20 a toggle",
             percentile(&series.ms[1..], 0.5),
             p95(series),
             percentile(&series.ms[1..], 1.0),
             scratch / p95(series),
             percentile(&series.priorities, 0.5),
             percentile(&series.toggles, 0.5),
+            1e3 * series.ms[1..].iter().sum::<f64>() / series.toggles[1..].iter().sum::<u64>().max(1) as f64,
             series.ms[0],
             series.bytes / triangles as usize,
             series.beyond,
@@ -193,7 +226,7 @@ fn tightness(terrain: &Arc<MemoryTerrain>) -> Result<()> {
         let mut mesh = ViewMesh::new(Arc::clone(terrain), scale)?;
         let mut factors = Vec::new();
         for frame in 0..12 {
-            let camera = camera(terrain, Flight::Teleport, frame, 60.0)?;
+            let camera = camera(&**terrain, scale, Flight::Teleport, frame, 60.0)?;
             let report = mesh.update(&camera, Target::TriangleBudget(triangles), &[])?;
             let mut greatest = 0.0_f64;
             for n in 0..SAMPLES {
