@@ -85,6 +85,24 @@ def test_a_frame_left_out_is_noticed_until_the_next_snapshot(path: Path) -> None
     assert refused and recovered
 
 
+@pytest.mark.parametrize("path", SESSIONS, ids=lambda p: p.stem)
+def test_a_view_opened_anew_keeps_its_mesh_until_a_snapshot(path: Path) -> None:
+    first, messages = read(path)
+    for message, _ in messages:
+        first.apply(message)
+    scene, messages = read(path)
+    scene.keep_mesh(first)
+    before = scene.mesh.posts
+    assert before == first.mesh.posts and len(before) > 4 and scene.lines == {}
+    delta = next(message for message, _ in messages if message.frame.base_sequence)
+    with pytest.raises(SceneError):
+        scene.apply(delta)
+    assert scene.mesh.posts == before
+    for message, wanted in messages:
+        scene.apply(message)
+        assert wanted is None or held(scene) == wanted
+
+
 def test_a_frame_with_another_hash_or_count_is_refused() -> None:
     scene, messages = read(SESSIONS[0])
     frame = next(message for message, wanted in messages if wanted)

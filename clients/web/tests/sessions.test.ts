@@ -18,12 +18,12 @@ interface Line {
 const SESSIONS = readdirSync(new URL("../../conformance", import.meta.url)).filter((name) => name.endsWith(".jsonl"));
 
 /** A scene after its opening, and the messages that follow, with what must be held after them. */
-function read(name: string): { scene: Scene; messages: { message: StreamSceneResponse; wanted: Line["held"] }[] } {
+function read(name: string, before?: Scene): { scene: Scene; messages: { message: StreamSceneResponse; wanted: Line["held"] }[] } {
   const [head, opening, ...rest] = file(`clients/conformance/${name}`).trim().split("\n").map((line) => JSON.parse(line) as Line);
   const parse = (line: Line | undefined) => fromBinary(StreamSceneResponseSchema, hex(line?.message ?? ""));
   const opened = parse(opening).response;
   if (opened.case !== "opened") throw new Error("line 2 is no opening");
-  const scene = new Scene(opened.value, head?.max_triangles ?? 0, head?.lines_expected ?? false);
+  const scene = new Scene(opened.value, head?.max_triangles ?? 0, head?.lines_expected ?? false, before);
   return { scene, messages: rest.map((line) => ({ message: parse(line), wanted: line.held })) };
 }
 
@@ -82,6 +82,24 @@ test.each(SESSIONS)("a frame of %s that is left out is noticed until the next sn
   });
   expect(refused).toBeGreaterThan(0);
   expect(recovered).toBeGreaterThan(0);
+});
+
+test.each(SESSIONS)("the view of %s that is opened anew keeps its mesh until a snapshot", (name) => {
+  const first = read(name);
+  for (const { message } of first.messages) first.scene.apply(message);
+  const before = [first.scene.mesh.hash, listed(first.scene.mesh)];
+  const { scene, messages } = read(name, first.scene);
+  expect([scene.mesh.hash, listed(scene.mesh)]).toEqual(before);
+  expect(scene.lines.size).toBe(0);
+  const isDelta = ({ message: { response } }: (typeof messages)[number]) => response.case === "frame" && response.value.baseSequence !== 0n;
+  const delta = messages.find(isDelta)?.message;
+  if (!delta) throw new Error("a session without a delta");
+  expect(() => scene.apply(delta)).toThrow(SceneError);
+  expect([scene.mesh.hash, listed(scene.mesh)]).toEqual(before);
+  for (const { message, wanted } of messages) {
+    scene.apply(message);
+    if (wanted) expect(held(scene)).toEqual(wanted);
+  }
 });
 
 test("a frame with another hash or count is refused and leaves the mesh as it was", () => {
