@@ -8,15 +8,17 @@ sightline=${SIGHTLINE:-sightline}
 pictures=$(mktemp -d)
 trap 'rm -rf "$pictures"' EXIT
 fail() { echo "smoke: $1" >&2; exit 1; }
+# Read to its end before anything looks for words: curl complains where its reader leaves early.
+page() { curl -fsS "http://$address$1"; }
 
-[ "$(curl -fsS "http://$address/healthz")" = ok ] || fail "/healthz is not ok"
-curl -fsS "http://$address/" | grep -q Sightline || fail "the front page"
-curl -fsS "http://$address/metrics" | grep -q '^sightline_serving 1$' || fail "/metrics does not say serving"
-before=$(curl -fsS "http://$address/metrics" | awk '/^sightline_frames_total/ { print $2 }')
-"$sightline" los "http://$address" --from 1,1,10 --to 2,2,10 --coords grid --quiet --json | grep -q verdict || fail "los"
+[ "$(page /healthz)" = ok ] || fail "/healthz is not ok"
+grep -q Sightline <<<"$(page /)" || fail "the front page"
+grep -q '^sightline_serving 1$' <<<"$(page /metrics)" || fail "/metrics does not say serving"
+before=$(page /metrics | awk '/^sightline_frames_total/ { print $2 }')
+grep -q verdict <<<"$("$sightline" los "http://$address" --from 1,1,10 --to 2,2,10 --coords grid --quiet --json)" || fail "los"
 "$sightline" view "$address" -o "$pictures" --triangles 1000 --frames 20 --every 1000 --viewport 64x64 --quiet >/dev/null \
   || fail "view"
-after=$(curl -fsS "http://$address/metrics" | awk '/^sightline_frames_total/ { print $2 }')
+after=$(page /metrics | awk '/^sightline_frames_total/ { print $2 }')
 [ "$after" -gt "${before:-0}" ] || fail "no frames were counted"
 "$sightline" status "$address" --quiet >/dev/null || fail "status"
 echo "smoke: all well at $address"
