@@ -200,16 +200,25 @@ async fn peak(client: &Client, lines: &Arc<[Line]>, seconds: f64) -> Result<f64>
 
 /// How long answers take, in microseconds from when each question was due.
 async fn at_rate(client: &Client, lines: &Arc<[Line]>, hz: f64, seconds: f64) -> Result<Histogram<u64>> {
-    let began = Instant::now();
-    let mut tasks = Vec::new();
-    for n in 0..(hz * seconds) as usize {
-        let due = began + Duration::from_secs_f64(n as f64 / hz);
-        tokio::time::sleep_until(due.into()).await;
-        let (client, line) = (client.clone(), lines[n % lines.len()]);
-        tasks.push(tokio::spawn(async move { client.query(question(line)).await.map(|_| due.elapsed()) }));
-    }
+    // What is left over from before, here and in the scheduler, has ended then.
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    let (client, lines) = (client.clone(), Arc::clone(lines));
+    let asking = tokio::spawn(async move {
+        let began = Instant::now();
+        let mut tasks = Vec::new();
+        for n in 0..(hz * seconds) as usize {
+            let due = began + Duration::from_secs_f64(n as f64 / hz);
+            // A timer's millisecond is too coarse.
+            while Instant::now() < due {
+                tokio::task::yield_now().await;
+            }
+            let (client, line) = (client.clone(), lines[n % lines.len()]);
+            tasks.push(tokio::spawn(async move { client.query(question(line)).await.map(|_| due.elapsed()) }));
+        }
+        tasks
+    });
     let mut waits = Histogram::new(3)?;
-    for task in tasks {
+    for task in asking.await? {
         waits.record(task.await??.as_micros() as u64)?;
     }
     Ok(waits)

@@ -1,7 +1,7 @@
 //! Bytes and times of the mesh payload over a database: snapshots, deltas of flights, HTTP/2 DATA of their frames. Each
 //! frame is applied to a replica, as a client does, and its hash checked.
 //!
-//! `cargo run --release --manifest-path tests/bench/Cargo.toml --bin wire -- DATABASE [TRIANGLES] [FRAMES]`
+//! `cargo run --release --manifest-path tests/bench/Cargo.toml --bin wire -- DATABASE [TRIANGLES] [FRAMES] [HZ]`
 
 use std::{error::Error, path::Path, sync::Arc, time::Instant};
 
@@ -24,7 +24,6 @@ use sightline_proto::{
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
-const RATE_HZ: f64 = 60.0;
 /// What gRPC puts before a message in the DATA of HTTP/2: a flag and a length.
 const GRPC_PREFIX_BYTES: usize = 5;
 /// Each time is the median of so many.
@@ -35,12 +34,13 @@ fn main() -> Result<()> {
     let path = arguments.next().ok_or("the path of a database, please")?;
     let triangles: u32 = arguments.next().map_or(Ok(10_000), |n| n.parse())?;
     let frames: usize = arguments.next().map_or(Ok(600), |n| n.parse())?;
+    let hz: f64 = arguments.next().map_or(Ok(60.0), |n| n.parse())?;
     let terrain = Arc::new(Database::open(Path::new(&path), OpenOptions::default())?);
     let description = describe(&*terrain, &ServedTerrain::site(&*terrain), &terrain.details()?)?;
     snapshot(&terrain, &description, triangles)?;
-    println!("flights at {RATE_HZ} Hz, {triangles} triangles, {frames} frames; the first is not counted");
+    println!("flights at {hz} Hz, {triangles} triangles, {frames} frames; the first is not counted");
     for preset in [Preset::Straight, Preset::Helicopter, Preset::Turn, Preset::Teleport] {
-        fly(&terrain, &description, preset, triangles, frames)?;
+        fly(&terrain, &description, &viewpoints(&terrain, preset, frames, hz)?, preset.name(), triangles)?;
     }
     Ok(())
 }
@@ -93,10 +93,10 @@ fn median(values: &mut Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-fn viewpoints(terrain: &Database, preset: Preset, frames: usize) -> Result<Vec<Viewpoint>> {
+fn viewpoints(terrain: &Database, preset: Preset, frames: usize, hz: f64) -> Result<Vec<Viewpoint>> {
     let (grid, scale) = (HeightField::grid(terrain), terrain.scale());
     let far = [f64::from(grid.nx() - 1) * scale.east_m, f64::from(grid.ny() - 1) * scale.north_m];
-    let plan = Plan::preset(preset, [[0.0; 2], far], frames, RATE_HZ, 1)?;
+    let plan = Plan::preset(preset, [[0.0; 2], far], frames, hz, 1)?;
     let mut ground = Vec::new();
     for [x, y] in plan.ground_points() {
         let (x, y) = (x.clamp(0.0, far[0]) / scale.east_m, y.clamp(0.0, far[1]) / scale.north_m);
@@ -126,9 +126,9 @@ struct Flown {
 fn fly(
     terrain: &Arc<Database>,
     description: &v1::TerrainDescription,
-    preset: Preset,
+    viewpoints: &[Viewpoint],
+    name: &str,
     triangles: u32,
-    frames: usize,
 ) -> Result<()> {
     let projection = v1::view_settings::Projection::Perspective(v1::Perspective { tan_half_fov: 0.577, near_m: 1.0 });
     let settings = Settings::from_wire(&v1::ViewSettings {
@@ -139,12 +139,11 @@ fn fly(
         subscription: None,
         regions: Vec::new(),
     })?;
-    let viewpoints = viewpoints(terrain, preset, frames)?;
     let first = Pose::from_wire(&pose(&viewpoints[0]))?;
     let mut view = View::open(Arc::clone(terrain), terrain.scale(), description, settings, first, None)?;
     let mut replica = Replica::new(description)?;
     let mut flown = Flown::default();
-    for (k, viewpoint) in (0_u64..).zip(&viewpoints) {
+    for (k, viewpoint) in (0_u64..).zip(viewpoints) {
         if k > 0 {
             let applied_sequence = replica.sequence();
             let steer =
@@ -173,9 +172,8 @@ fn fly(
     }
     let bytes: f64 = flown.payload_bytes.iter().sum();
     println!(
-        "  {:12} DATA {:4} bytes in the median frame, payload {:4}; {:.3} bytes a changed triangle ({:.0} a frame); made in \
+        "  {name:12} DATA {:4} bytes in the median frame, payload {:4}; {:.3} bytes a changed triangle ({:.0} a frame); made in \
          {:.3} ms, applied in {:.3} ms (medians)",
-        preset.name(),
         median(&mut flown.data_bytes),
         median(&mut flown.payload_bytes),
         bytes / flown.changed as f64,
