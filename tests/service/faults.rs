@@ -187,6 +187,9 @@ async fn work_that_waits_too_long_makes_the_server_unhealthy() {
 #[tokio::test]
 async fn the_log_of_a_call_has_its_id() {
     let log = Log::default();
+    // Were the log's dispatcher the only one, a callsite that another test meets first would be asked about on that thread,
+    // which has none, and be silent for good; with two, each callsite asks both.
+    let _second = tracing::Dispatch::new(tracing::subscriber::NoSubscriber::default());
     let subscriber = tracing_subscriber::fmt().with_writer(log.clone()).with_ansi(false).finish();
     let _guard = tracing::subscriber::set_default(subscriber);
     let (running, client) = started().await;
