@@ -188,6 +188,12 @@ pub fn compare(a: f64, b: f64) -> Sign {
     ordered(a).cmp(&ordered(b)).into()
 }
 
+/// Whether the numbers of one list are those of the other, each by [`compare`].
+#[inline]
+pub fn are_equal<const N: usize>(a: [f64; N], b: [f64; N]) -> bool {
+    a.into_iter().zip(b).all(|(a, b)| compare(a, b) == Sign::Zero)
+}
+
 /// The unit roundoff of f64, 2^-53.
 const ROUNDOFF: f64 = f64::EPSILON / 2.0;
 /// What gradual underflow, or flushing to zero, may add to an error, per unit of what multiplies it: 2^-1016.

@@ -19,7 +19,7 @@ use num_rational::BigRational;
 use sightline_proto::{
     diamond::Post,
     number::{Dyadic, Interval, Number},
-    predicates::{FLUSHED, Sign, compare},
+    predicates::{FLUSHED, Sign, are_equal, compare},
 };
 
 use super::{
@@ -88,7 +88,7 @@ impl Earth {
 
     /// Whether lines are straight.
     pub fn is_flat(self) -> bool {
-        self.coefficients().iter().all(|&c| compare(c, 0.0) == Sign::Zero)
+        are_equal(self.coefficients(), [0.0; 2])
     }
 }
 
@@ -120,9 +120,8 @@ impl Line {
     /// The Earth does not bend it: it is flat, or the line moves along no axis that is curved (not at all, if it is
     /// plumb).
     pub(super) fn is_straight(&self) -> bool {
-        [0, 1].iter().all(|&axis| {
-            compare(self.earth[axis], 0.0) == Sign::Zero || compare(self.a[axis], self.b[axis]) == Sign::Zero
-        })
+        let is_same = |a: f64, b: f64| compare(a, b) == Sign::Zero;
+        [0, 1].iter().all(|&axis| is_same(self.earth[axis], 0.0) || is_same(self.a[axis], self.b[axis]))
     }
 
     /// By how much the line is lowered at t.

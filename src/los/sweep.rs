@@ -439,8 +439,8 @@ impl Family {
     }
 }
 
-/// Whether a coordinate is so small, but not zero, that sums of them may be lost where subnormals are flushed.
-fn is_tiny(p: [f64; 2]) -> bool {
+/// Whether a number is so small, but not zero, that sums of such may be lost where subnormals are flushed.
+pub(super) fn is_tiny(p: [f64; 2]) -> bool {
     p.iter().any(|v| v.abs() < TINY && compare(*v, 0.0) != Sign::Zero)
 }
 

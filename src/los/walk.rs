@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use sightline_proto::{
     diamond::Post,
-    predicates::{FLUSHED, Kernel, Sign, compare, orient2d_with, orient3d_with, plan},
+    predicates::{FLUSHED, Kernel, Sign, are_equal, compare, orient2d_with, orient3d_with, plan},
 };
 
 use super::{
@@ -280,7 +280,7 @@ impl<'a, H: HeightField + ?Sized> Walk<'a, H> {
         // Both ends on the ground of one face: then so is all between them. (A vertical line is excluded: only its
         // lower end may touch.)
         if let [first, second] = touching[..]
-            && [0, 1].iter().any(|&k| compare(self.a[k], self.b[k]) != Sign::Zero)
+            && !are_equal(plan(self.a), plan(self.b))
             && let Some(face) = first.joined(&second)
         {
             let mut known = true;

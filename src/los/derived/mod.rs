@@ -23,7 +23,7 @@ pub use witness::{MAX_WITNESSES, Witness, witnesses};
 
 use sightline_proto::{
     diamond::Post,
-    predicates::{Sign, compare},
+    predicates::{Sign, are_equal, plan},
 };
 
 use self::event::{Chord, Event, Events};
@@ -184,9 +184,8 @@ pub(super) fn survey<H>(walk: &mut Walk<'_, H>, line: Line, strict: bool, until:
 where
     H: HeightField + ?Sized,
 {
-    let is_same = |axis: usize| compare(line.a[axis], line.b[axis]) == Sign::Zero;
-    let still = is_same(0) && is_same(1);
-    let moves = !(still && is_same(2));
+    let still = are_equal(plan(line.a), plan(line.b));
+    let moves = !are_equal(line.a, line.b);
     let mut events = Events::new(walk, line);
     let mut found = Survey::default();
     let mut last: Option<Event> = None;

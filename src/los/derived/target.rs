@@ -5,7 +5,7 @@
 //! is asked, upwards or downwards in steps that double, and between the last two by halves. The answer is therefore
 //! exact, whatever the rounding of the first guess, and nearly always takes two to four questions.
 
-use sightline_proto::predicates::{Sign, compare};
+use sightline_proto::predicates::{are_equal, plan};
 
 use super::crest::view;
 use crate::{
@@ -24,7 +24,7 @@ where
 {
     check_finite(a, ["ax", "ay", "az"])?;
     check_finite([b[0], b[1], 0.0], ["bx", "by", "bz"])?;
-    if [0, 1].iter().all(|&axis| compare(a[axis], b[axis]) == Sign::Zero) {
+    if are_equal(plan(a), b) {
         return Ok(None);
     }
     let mut lines = Lines::new(field);

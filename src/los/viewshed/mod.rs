@@ -28,7 +28,6 @@ use std::{
 };
 
 use rayon::prelude::*;
-use sightline_proto::predicates::{Sign, compare};
 use thiserror::Error;
 
 use self::{
@@ -36,7 +35,7 @@ use self::{
     fan::Fan,
     region::{Cells, REACH_LIMIT},
 };
-use super::{Earth, Lines, LosError, Options, Verdict, check_finite, on_ground, surface::two_sum};
+use super::{Earth, Lines, LosError, Options, Verdict, check_finite, on_ground, surface::two_sum, sweep::is_tiny};
 use crate::terrain::{Grid, HeightField, PAGE_POSTS, PAGE_SIDE, PageId, Posts, SceneScale};
 
 /// Which posts to look at; those outside the grid are left out.
@@ -167,7 +166,8 @@ where
     let trusted = cells.reach() < REACH_LIMIT
         && z.abs() < TAME
         && bend * REACH_LIMIT * REACH_LIMIT < TAME
-        && view.earth.coefficients().into_iter().chain([x, y]).all(is_large);
+        && !is_tiny(view.earth.coefficients())
+        && !is_tiny([x, y]);
     if own.verdict == Verdict::Blocked || !trusted {
         // Every line from below the ground is blocked, which its end tells; what is too large for bounds is asked.
         for page in cells.pages() {
@@ -202,11 +202,6 @@ pub fn viewshed_extent(grid: Grid, view: &View) -> Result<([[u32; 2]; 2], u64), 
     };
     let ([west, east], [south, north]) = (ends(0), ends(1));
     Ok(([[west, south], [east, north]], cells.total()))
-}
-
-/// Whether a number is 0 or so large that no difference of such numbers is subnormal.
-fn is_large(v: f64) -> bool {
-    v.abs() >= 1e-270 || compare(v, 0.0) == Sign::Zero
 }
 
 /// Cells that were decided together, and how many of them were asked.
@@ -283,11 +278,11 @@ impl<'a, H: HeightField + ?Sized> Asker<'a, H> {
         let [x, y] = [f64::from(i), f64::from(j)];
         let height = self.view.target_height;
         let (sum, error) = two_sum(z, height);
-        // Of numbers that are not small, no sum and no error of one is subnormal.
-        let top = match if is_large(z) && is_large(height) { error } else { f64::NAN } {
+        let is_kept = !is_tiny([z, height]);
+        let top = match error {
             // The exact sum is above its rounded value.
-            e if e > 0.0 => sum.next_up(),
-            e if e <= 0.0 => sum,
+            e if is_kept && e > 0.0 => sum.next_up(),
+            e if is_kept && e <= 0.0 => sum,
             // Out of the range in which a sum knows its error.
             _ => on_ground(self.field, x, y, height)?.unwrap_or(sum),
         };
