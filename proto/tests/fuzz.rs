@@ -21,6 +21,8 @@ use sightline_proto::{codec::DecodeError, replica::ApplyError};
 
 /// Inputs of a run that nobody asks to be long.
 const SHORT_RUN: u64 = 3_000;
+/// Inputs of a short run that are meshes at least; a long run has more. Its share of them depends on what it keeps.
+const MIN_MESHES: u64 = 40;
 /// Most inputs that are kept to be mutated.
 const MAX_POOL: usize = 4_000;
 /// Bytes that are dropped from an end that is too much.
@@ -130,5 +132,5 @@ fn any_bytes_are_refused_without_a_trace_or_are_the_only_encoding_of_a_mesh() {
         }
     }
     println!("{inputs} inputs, {accepted} of them meshes of up to {MAX_TRIANGLES} triangles, {} outcomes", seen.len());
-    assert!(accepted > inputs / 100 && seen.len() > 100, "{accepted} of {inputs} are meshes, {} outcomes", seen.len());
+    assert!(accepted >= MIN_MESHES && seen.len() > 100, "{accepted} of {inputs} are meshes, {} outcomes", seen.len());
 }

@@ -21,6 +21,7 @@
 mod derived;
 #[cfg(test)]
 mod derived_tests;
+mod dyadic;
 mod earth;
 #[cfg(test)]
 mod earth_tests;

@@ -12,11 +12,16 @@ use sightline_proto::{
     predicates::{Kernel, Sign, compare, orient2d_with, orient3d_with},
 };
 
-use super::{LosError, check_finite};
+use super::{
+    LosError, check_finite,
+    dyadic::{self, Dyadic},
+};
 use crate::terrain::{Grid, HeightField, Posts, ReadError};
 
 /// Binary logarithm of the least subnormal f64.
 const LEAST_EXPONENT: i64 = -1074;
+/// Steps of the last bit's weight from there to beyond the greatest f64.
+const MAX_STEPS: u64 = 2_046;
 
 /// A face of the finest triangulation.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -161,7 +166,7 @@ pub(super) fn two_sum(a: f64, b: f64) -> (f64, f64) {
 
 /// The height of the surface at a plan point, rounded to nearest; `None` over unknown ground.
 pub fn surface_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<f64>, LosError> {
-    Ok(exact_height(field, x, y)?.and_then(|z| z.to_f64()))
+    Ok(known_face(field, x, y)?.map(|(face, heights)| surface_over(face, heights, [x, y])))
 }
 
 /// The least f64 that is not below the exact surface plus `height` at a plan point; `None` over unknown ground.
@@ -169,17 +174,21 @@ pub fn surface_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Res
 /// This is how a height above ground becomes the end of a line of sight.
 pub fn on_ground<H: HeightField + ?Sized>(field: &H, x: f64, y: f64, height: f64) -> Result<Option<f64>, LosError> {
     check_finite([x, y, height], ["x", "y", "height above ground"])?;
-    let Some(ground) = exact_height(field, x, y)? else { return Ok(None) };
-    let least = ground + rational(height);
-    least_not_below(&least).map(Some).ok_or(LosError::OutOfRange { x, y, height })
+    let Some((face, heights)) = known_face(field, x, y)? else { return Ok(None) };
+    let sum = dyadic::height_over(face, heights, [x, y]).and_then(|ground| ground.plus(Dyadic::new(height)));
+    let least = sum.and_then(Dyadic::least_not_below).or_else(|| {
+        let ground = exact_height_over(face, heights, [x, y].map(rational));
+        least_not_below(&(ground + rational(height)))
+    });
+    least.map(Some).ok_or(LosError::OutOfRange { x, y, height })
 }
 
-/// The exact height of the surface.
-fn exact_height<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<BigRational>, LosError> {
+/// The face at a plan point and the heights of its corners; `None` over unknown ground.
+fn known_face<H: HeightField + ?Sized>(field: &H, x: f64, y: f64) -> Result<Option<(Face, [f64; 3])>, LosError> {
     check_finite([x, y, 0.0], ["x", "y", "z"])?;
     let Some(face) = Face::at(field.grid(), [x, y]) else { return Ok(None) };
     let heights = face.heights(&mut Posts::new(field))?;
-    Ok(heights.map(|heights| exact_height_over(face, heights, [rational(x), rational(y)])))
+    Ok(heights.map(|heights| (face, heights)))
 }
 
 /// The height of a known face's plane or line at a plan point over it.
@@ -210,7 +219,8 @@ pub(super) fn exact_height_over(face: Face, heights: [f64; 3], [x, y]: [BigRatio
 
 /// The height of a known face at a plan point over it, to nearest.
 pub(super) fn surface_over(face: Face, heights: [f64; 3], at: [f64; 2]) -> f64 {
-    exact_height_over(face, heights, at.map(rational)).to_f64().unwrap_or(0.0)
+    let height = dyadic::height_over(face, heights, at).and_then(Dyadic::nearest);
+    height.unwrap_or_else(|| exact_height_over(face, heights, at.map(rational)).to_f64().unwrap_or(0.0))
 }
 
 /// A finite f64 as a fraction.
@@ -221,7 +231,7 @@ pub(super) fn rational(v: f64) -> BigRational {
 
 /// The least f64 not below `value`; `None` when `value` is beyond the range. In whole numbers: a rounded quotient is far
 /// off where a host has subnormal numbers flushed to zero.
-fn least_not_below(value: &BigRational) -> Option<f64> {
+pub(super) fn least_not_below(value: &BigRational) -> Option<f64> {
     if value.is_zero() {
         return Some(0.0);
     }
@@ -240,7 +250,7 @@ fn least_not_below(value: &BigRational) -> Option<f64> {
         exponent += 1;
     };
     // The leading bit of a normal number carries into the exponent, as does a mantissa that was rounded up to 2^53.
-    let steps = u64::try_from(exponent - LEAST_EXPONENT).ok().filter(|&steps| steps < f64::MAX_EXP as u64 * 2)?;
+    let steps = u64::try_from(exponent - LEAST_EXPONENT).ok().filter(|&steps| steps < MAX_STEPS)?;
     let magnitude = f64::from_bits((steps << (f64::MANTISSA_DIGITS - 1)) + mantissa);
     let is_negative = value.is_negative() && mantissa > 0;
     magnitude.is_finite().then_some(if is_negative { -magnitude } else { magnitude })
@@ -269,6 +279,9 @@ mod tests {
 
     #[test]
     fn numbers_are_the_least_not_below_themselves() {
+        for beyond in [2, 3, 4, 1_000] {
+            assert_eq!(least_not_below(&(rational(f64::MAX) * rational(f64::from(beyond)))), None);
+        }
         for v in [0.0, 1.0, -1.0, 5e-324, -5e-324, f64::MIN_POSITIVE, f64::MAX, -f64::MAX, 0.1, -1e-310] {
             assert_eq!(least_not_below(&rational(v)), Some(v));
         }
