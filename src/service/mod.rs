@@ -2,7 +2,7 @@
 //! with sockets beside `cli`.
 //!
 //! A call passes `connections` (counted), `admission` (its id, its caller's rights and rate), then its service.
-//! Network threads only pass messages on: what computes or reads runs on blocking threads, in `turns`, and many lines at
+//! Network threads only pass messages on: what computes or reads runs on threads of its own, in `turns`, and many lines at
 //! once on rayon's pool. A view is one task that owns one
 //! [`crate::session::View`] and hands frames over one at a time, so a slow client holds one frame and no queue.
 //! Nothing here decides anything about terrain, exercises or meshes.
@@ -39,7 +39,6 @@ use std::{
         Arc,
         atomic::{AtomicU64, Ordering},
     },
-    thread,
     time::{Duration, Instant},
 };
 
@@ -199,11 +198,10 @@ impl<T: ServedTerrain> Shared<T> {
         recording: Option<Recording>,
         clock: Clock,
         stopping: watch::Receiver<bool>,
-    ) -> Result<Self, ReadError> {
+    ) -> Result<Self, ServeError> {
         let (site, details) = (terrain.site(), terrain.details()?);
         let description = describe(&*terrain, &site, &details)?;
         let journal = recording.map(|recording| Arc::new(recording.begin(&details.version, &*store)));
-        let threads = thread::available_parallelism().map_or(2, usize::from);
         Ok(Self {
             terrain,
             site,
@@ -212,7 +210,7 @@ impl<T: ServedTerrain> Shared<T> {
             journal,
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
-            turns: Turns::new(threads),
+            turns: Turns::new(rayon::current_num_threads()).map_err(ServeError::Threads)?,
             answering: Arc::new(Semaphore::new(MAX_ANSWERING)),
             limits,
             accounts: Accounts::new(limits),

@@ -116,6 +116,9 @@ pub enum ServeError {
     /// The listener.
     #[error("the listening socket: {0}")]
     Listener(#[from] io::Error),
+    /// The threads that compute.
+    #[error("starting a thread that computes: {0}; the system's limit of threads or memory may be reached")]
+    Threads(io::Error),
     /// The transport.
     #[error("the server's transport: {0}")]
     Transport(#[from] tonic::transport::Error),
