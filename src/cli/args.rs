@@ -63,7 +63,7 @@ pub fn refuse_existing(path: &Path, force: bool) -> Result<(), Failure> {
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct Positions {
     /// The frame of positions: posts and height units; the elevation model's own reference system and metres; or
-    /// longitude, latitude and metres.
+    /// longitude, latitude and metres, on terrain whose map is in degrees, a UTM zone or web Mercator.
     #[arg(long, value_enum, default_value_t = Coords::Map)]
     coords: Coords,
     /// What the third number means: above the vertical datum, or above ground level.
@@ -75,7 +75,7 @@ pub struct Positions {
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub struct Plan {
     /// The frame of positions: posts and height units; the elevation model's own reference system and metres; or
-    /// longitude, latitude and metres.
+    /// longitude, latitude and metres, on terrain whose map is in degrees, a UTM zone or web Mercator.
     #[arg(long, value_enum, default_value_t = Coords::Map)]
     coords: Coords,
 }

@@ -59,6 +59,7 @@ impl Args {
             json!({
                 "epsg": place.epsg, "geographic": place.geographic, "origin": place.origin, "step": place.step,
                 "bounds": { "west": west, "south": south, "east": east, "north": north },
+                "geographic_corners": geographic_corners(&place, database),
             })
         });
         json!({
@@ -146,6 +147,13 @@ fn corners(place: &Georeference, database: &Database) -> [f64; 4] {
     [place.origin[0], place.origin[1], east, north]
 }
 
+/// Longitude and latitude of the south-western and the north-eastern corner of a map in metres that has them.
+fn geographic_corners(place: &Georeference, database: &Database) -> Option<[[f64; 2]; 2]> {
+    let [west, south, east, north] = corners(place, database);
+    let corner = |x, y| place.geographic_from_map(x, y).filter(|_| !place.geographic);
+    Some([corner(west, south)?, corner(east, north)?])
+}
+
 fn place_lines(database: &Database) -> Vec<String> {
     let Some(place) = database.georeference() else {
         return vec!["place         not georeferenced: map coordinates are posts, scene metres are posts".into()];
@@ -153,28 +161,40 @@ fn place_lines(database: &Database) -> Vec<String> {
     let kind = if place.geographic { "longitude and latitude" } else { "projected" };
     let code = place.epsg.map_or_else(|| "unnamed".into(), |code| format!("EPSG:{code}"));
     let [west, south, east, north] = corners(&place, database);
-    vec![
+    let mut lines = vec![
         format!("CRS           {code}, {kind}"),
         format!("bounds        west {west}, south {south}, east {east}, north {north}"),
-    ]
+    ];
+    if let Some([[west, south], [east, north]]) = geographic_corners(&place, database) {
+        lines.push(format!(
+            "corners       longitude {west:.7}, latitude {south:.7} in the south-west; {east:.7}, {north:.7} in the \
+             north-east"
+        ));
+    }
+    lines
 }
 
+/// Metres east on the map of the middle of a UTM zone.
+const UTM_MIDDLE_M: f64 = 500_000.0;
+
 /// The greatest relative error of the scene scale east and north, as distance in the scene over true distance less
-/// one. `None` for projected systems, whose own distortion is not known here.
+/// one. `None` for projections that are not known.
 fn scale_error(database: &Database) -> Option<[f64; 2]> {
-    let place = database.georeference().filter(|place| place.geographic)?;
+    let place = database.georeference().filter(Georeference::has_geographic)?;
     let scale = database.scale();
     let grid = database.grid();
     let mut worst = [0.0_f64; 2];
-    let last = f64::from(grid.ny() - 1);
-    let [_, equator] = place.grid_from_map(0.0, 0.0);
-    // Both lengths of a degree grow or shrink steadily from the equator to the poles.
-    for j in [0.0, equator.clamp(0.0, last), last] {
-        let origin = place.map_from_grid(0.0, j);
-        let there = Georeference { origin, ..place }.scene_scale(1, 1, scale.up_m);
-        for (worst, error) in worst.iter_mut().zip([scale.east_m / there.east_m, scale.north_m / there.north_m]) {
-            let error = error - 1.0;
-            *worst = if error.abs() > worst.abs() { error } else { *worst };
+    let [last_i, last_j] = [grid.nx(), grid.ny()].map(|posts| f64::from(posts - 1));
+    let [middle, equator] = place.grid_from_map(UTM_MIDDLE_M, 0.0);
+    // Lengths on maps grow or shrink steadily from the equator to the poles, and from a zone's middle to its sides.
+    for i in [0.0, middle.clamp(0.0, last_i), last_i] {
+        for j in [0.0, equator.clamp(0.0, last_j), last_j] {
+            let origin = place.map_from_grid(i, j);
+            let there = Georeference { origin, ..place }.scene_scale(1, 1, scale.up_m);
+            for (worst, error) in worst.iter_mut().zip([scale.east_m / there.east_m, scale.north_m / there.north_m]) {
+                let error = error - 1.0;
+                *worst = if error.abs() > worst.abs() { error } else { *worst };
+            }
         }
     }
     Some(worst)

@@ -57,8 +57,17 @@ pub enum PlaceError {
     #[error("the terrain has no georeference: give positions in the grid or the scene frame")]
     NoGeoreference,
     /// Longitude and latitude on terrain in another reference system.
-    #[error("the terrain's reference system is not geographic: give positions in the map, grid or scene frame")]
+    #[error(
+        "the terrain's reference system is neither longitude and latitude nor web Mercator nor a UTM zone with a known EPSG code: give \
+         positions in the map, grid or scene frame, or ingest it with --crs EPSG:N"
+    )]
     NotGeographic,
+    /// Longitude and latitude that the terrain's projection does not reach.
+    #[error(
+        "longitude {} and latitude {} lie beyond the map projection of the terrain; they are degrees east and north, in \
+         this order", .0[0], .0[1]
+    )]
+    BeyondProjection([f64; 2]),
     /// The ground could not be found.
     #[error(transparent)]
     Ground(#[from] LosError),
@@ -79,11 +88,16 @@ impl Site {
         let [x_grid, y_grid] = match frame {
             Frame::Grid => [x, y],
             Frame::Scene => [x / self.scale.east_m, y / self.scale.north_m],
-            Frame::Map | Frame::Geographic => {
+            Frame::Map => {
                 let georeference = self.georeference.ok_or(PlaceError::NoGeoreference)?;
-                if frame == Frame::Geographic && !georeference.geographic {
+                georeference.grid_from_map(x, y)
+            }
+            Frame::Geographic => {
+                let georeference = self.georeference.ok_or(PlaceError::NoGeoreference)?;
+                if !georeference.has_geographic() {
                     return Err(PlaceError::NotGeographic);
                 }
+                let [x, y] = georeference.map_from_geographic(x, y).ok_or(PlaceError::BeyondProjection([x, y]))?;
                 georeference.grid_from_map(x, y)
             }
         };

@@ -150,6 +150,14 @@ fn frames_meet_at_the_same_post() {
     }
     let plane = Site { georeference: Some(Georeference { geographic: false, ..georeference }), ..site };
     assert_eq!(plane.grid_from_plan(Frame::Geographic, 11.0, 53.0), Err(PlaceError::NotGeographic));
+    let zone =
+        Georeference { epsg: Some(32611), geographic: false, origin: [384_000.0, 4_048_000.0], step: [30.0, 30.0] };
+    let zone = Site { georeference: Some(zone), ..site };
+    // Mount Whitney, where PROJ puts it: 384381.795 m east, 4048892.755 m north.
+    let [x, y] = zone.grid_from_plan(Frame::Geographic, -118.2923, 36.5785).unwrap();
+    assert!((x - 381.795_377_352 / 30.0).abs() < 1e-5 && (y - 892.754_522_422 / 30.0).abs() < 1e-5, "{x} {y}");
+    let swapped = zone.grid_from_plan(Frame::Geographic, 36.5785, -118.2923);
+    assert_eq!(swapped, Err(PlaceError::BeyondProjection([36.5785, -118.2923])));
     assert!(matches!(site.grid_from_plan(Frame::Map, 1e308, 1e308), Ok([_, _]) | Err(PlaceError::NotFinite(_))));
     let high = Place { position: [4.0, 6.0, f64::MAX], ..same[1] };
     assert!(matches!(site.grid_from_place(&field, &high, 2.0), Err(PlaceError::NotFinite(_))));

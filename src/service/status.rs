@@ -47,7 +47,7 @@ impl IntoStatus for PlaceError {
     fn into_status(self) -> Status {
         match self {
             Self::Ground(error) => error.into_status(),
-            Self::NotFinite(_) => Status::invalid_argument(self.to_string()),
+            Self::NotFinite(_) | Self::BeyondProjection(_) => Status::invalid_argument(self.to_string()),
             Self::NoGeoreference | Self::NotGeographic => Status::failed_precondition(self.to_string()),
         }
     }

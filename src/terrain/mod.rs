@@ -8,6 +8,7 @@ pub mod extremes;
 mod field;
 mod georeference;
 mod memory;
+mod projection;
 pub mod synthetic;
 
 pub use block::{Block, Stored};

@@ -183,7 +183,7 @@ fn bad_input_says_what_and_where() {
     assert_eq!(ask(&["--from", "1,2,NaN", "--to", "1,2,3"]).0, 2);
     let (code, message) = ask(&["--from", "1,2,3", "--to", "1,2,3", "--coords", "geographic"]);
     assert_eq!(code, 2);
-    assert!(message.contains("not geographic"), "{message}");
+    assert!(message.contains("neither longitude and latitude"), "{message}");
     let unreachable = sightline(&["los", "http://127.0.0.1:1", "--from", "1,2,3", "--to", "1,2,3"]);
     assert_eq!(status(&unreachable), 4);
     assert!(text(&unreachable.stderr).contains("127.0.0.1:1"));
