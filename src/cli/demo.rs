@@ -31,7 +31,7 @@ use crate::{
 };
 
 /// Elevation around the Jacksboro Fault, Tennessee.
-const ELEVATION: &[u8] = include_bytes!("demo/jacksboro.tif");
+pub(super) const ELEVATION: &[u8] = include_bytes!("demo/jacksboro.tif");
 /// Where the server listens unless that is taken.
 const PORT: u16 = 7410;
 /// Name of the exercise on the server.

@@ -12,6 +12,7 @@ mod check;
 mod connect;
 mod consistency;
 mod demo;
+mod evaluate;
 mod fly;
 mod generator;
 mod height;
@@ -83,6 +84,7 @@ enum Verb {
     Load(load::Args),
     View(view::Args),
     Consistency(consistency::Args),
+    Evaluate(evaluate::Args),
     Demo(demo::Args),
     #[command(hide = true)]
     SceneGenerator(consistency::worker::Args),
@@ -164,6 +166,7 @@ impl Verb {
             Self::Load(args) => args.run(context),
             Self::View(args) => args.run(context),
             Self::Consistency(args) => args.run(context),
+            Self::Evaluate(args) => args.run(context),
             Self::Demo(args) => args.run(context),
             Self::SceneGenerator(args) => args.run(),
         }

@@ -1,4 +1,4 @@
-//! Flights, metrics and the consistency comparison.
+//! Flights, metrics, the consistency comparison and the trade report.
 
 pub mod agreement;
 pub mod consistency;
@@ -9,3 +9,4 @@ pub mod record;
 pub mod recording;
 pub mod sabotage;
 pub mod scenario;
+pub mod trade;

@@ -179,7 +179,7 @@ impl LodView {
     }
 
     /// Where a point appears, in pixels from the middle of the picture; `None` nearer than the near plane.
-    pub(super) fn project(&self, p: DVec3) -> Option<[f64; 2]> {
+    pub fn project(&self, p: DVec3) -> Option<[f64; 2]> {
         let [x, y, depth] = self.axes.map(|axis| (p - self.eye).dot(axis));
         (depth >= self.near_m).then(|| [x / depth * self.pixels, y / depth * self.pixels])
     }

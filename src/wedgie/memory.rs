@@ -33,6 +33,11 @@ impl MemoryTerrain {
     pub fn scale(&self) -> SceneScale {
         self.scale
     }
+
+    /// Bytes of the bounds.
+    pub fn bounds_bytes(&self) -> usize {
+        self.pyramid.lattices().iter().map(|lattice| size_of_val(lattice.bounds())).sum()
+    }
 }
 
 impl HeightField for MemoryTerrain {

@@ -8,7 +8,7 @@ use super::sightline;
 const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
-const VERBS: [(&str, &str, &str); 17] = [
+const VERBS: [(&str, &str, &str); 18] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
     ("info", "<DB>", ""),
     ("verify", "<DB>", ""),
@@ -48,6 +48,7 @@ const VERBS: [(&str, &str, &str); 17] = [
         "<TARGET>...",
         "--servers --clients --sight-lines --frames --seed --budgets --fidelity --changes --map --pictures -o --force",
     ),
+    ("evaluate", "", "-o --quick --dem --force"),
     ("demo", "", "--exit --listen -o"),
 ];
 

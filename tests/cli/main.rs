@@ -2,6 +2,7 @@
 
 mod contract;
 mod database;
+mod evaluate;
 mod fly;
 mod killed;
 mod load;
