@@ -9,6 +9,7 @@ mod geotiff;
 mod hgt;
 mod hostile;
 mod join;
+mod mutations;
 mod picture;
 mod raw;
 mod real;

@@ -1,0 +1,96 @@
+//! The readers of elevation files against mutations of the kept corpus, on a stable toolchain: what the targets of
+//! `tests/fuzz` ask with libFuzzer, without its view of the code. The words of a refusal take the place of that: inputs
+//! that are refused in new words are mutated further.
+//!
+//! A run is part of a second, the same each time. `SIGHTLINE_FUZZ_SECONDS=60` goes on for so long, from another seed each
+//! time, which is printed; `SIGHTLINE_FUZZ_SEED` repeats one.
+
+#[path = "../fuzz/src/mutate.rs"]
+mod mutate;
+
+use std::{collections::BTreeSet, path::Path};
+
+use mutate::{Dice, Run, corpus, mutated};
+
+use crate::{
+    Folder,
+    hostile::{try_read, without_panics},
+};
+
+/// Inputs of a run that nobody asks to be long.
+const SHORT_RUN: u64 = 150;
+/// Most inputs that are kept to be mutated.
+const MAX_POOL: usize = 1_000;
+/// Rows that are read of a raster.
+const ROWS: u32 = 64;
+
+/// Writes an input under the names by which a reader knows it; `None` when it is no input.
+fn put(folder: &Folder, name: &str, bytes: &[u8]) -> Option<std::path::PathBuf> {
+    if !name.starts_with("grid.bil") {
+        return Some(folder.put(name, bytes));
+    }
+    // A length of two bytes, and so many of the header.
+    let (length, rest) = bytes.split_first_chunk::<2>()?;
+    let (header, samples) = rest.split_at_checked(u16::from_le_bytes(*length).into())?;
+    folder.put("grid.hdr", header);
+    Some(folder.put(name, samples))
+}
+
+fn survives_mutations(target: &str, name: &str) {
+    let run = Run::new(SHORT_RUN);
+    let folder = Folder::new();
+    let mut pool = corpus(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/corpus").join(target));
+    let (mut dice, mut seen, mut inputs, mut read) = (Dice::new(run.seed), BTreeSet::new(), 0, 0);
+    while run.goes_on(inputs) {
+        let bytes = mutated(&mut dice, &pool);
+        inputs += 1;
+        let Some(path) = put(&folder, name, &bytes) else { continue };
+        let mut found = Ok(());
+        without_panics(&format!("{target}, seed {}, input {inputs}: {bytes:02x?}", run.seed), || {
+            found = try_read(&path, ROWS)
+        });
+        read += u64::from(found.is_ok());
+        let words = found.map_or_else(|error| error.to_string(), |()| String::new());
+        let words: String = words.chars().filter(|c| !c.is_ascii_digit()).collect();
+        if seen.insert(words) && pool.len() < MAX_POOL {
+            pool.push(bytes);
+        }
+    }
+    println!("{target}: seed {}, {inputs} inputs, {read} of them rasters, {} outcomes", run.seed, seen.len());
+    assert!(seen.len() > 3, "{target}: {} outcomes", seen.len());
+}
+
+#[test]
+fn mutations_of_ascii_grids_are_errors_or_rasters() {
+    survives_mutations("dem_ascii", "grid.asc");
+}
+
+#[test]
+fn mutations_of_dted_cells_are_errors_or_rasters() {
+    survives_mutations("dem_dted", "cell.dt1");
+}
+
+#[test]
+fn mutations_of_tiffs_are_errors_or_rasters() {
+    survives_mutations("dem_geotiff", "raster.tif");
+}
+
+#[test]
+fn mutations_of_packed_srtm_tiles_are_errors_or_rasters() {
+    survives_mutations("dem_hgt", "N44W072.hgt.zip");
+}
+
+#[test]
+fn mutations_of_pictures_are_errors_or_rasters() {
+    survives_mutations("dem_png", "terrarium.png");
+}
+
+#[test]
+fn mutations_of_raw_rasters_and_headers_are_errors_or_rasters() {
+    survives_mutations("dem_raw", "grid.bil");
+}
+
+#[test]
+fn mutations_of_usgs_dems_are_errors_or_rasters() {
+    survives_mutations("dem_usgs", "quad.dem");
+}
