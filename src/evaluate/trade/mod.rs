@@ -24,6 +24,7 @@ mod rtin;
 #[cfg(test)]
 mod tests;
 mod thesis;
+mod vertex_bound;
 mod wire;
 mod world;
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{
-    Instrument, Plan, Step, TradeError, mean, quantile,
+    Instrument, Plan, Step, TradeError, mean, vertex_bound,
     world::{World, view, view_of},
 };
 use crate::{
@@ -12,14 +12,9 @@ use crate::{
         Algorithm, Ground, LevelOfDetail, LodError, LodView, Metric, Published, TStrip, Target, conformity,
         measure::heights_at_posts, strips,
     },
-    roam::{self, ViewMesh},
     terrain::{MemoryField, SceneScale, synthetic},
-    wedgie::ErrorBounds,
 };
-use sightline_proto::{
-    diamond::{Post, Triangle},
-    mesh::Mesh,
-};
+use sightline_proto::diamond::Post;
 
 /// What the probes found.
 #[derive(Clone, PartialEq, Debug, Default)]
@@ -32,7 +27,7 @@ pub(super) struct Probes {
     pub(super) strips: Vec<Strips>,
     /// Triangles in a strip on a mesh of one level.
     pub(super) uniform_strip: f64,
-    pub(super) bounds: Vec<Bounds>,
+    pub(super) bounds: Vec<vertex_bound::Bounds>,
     /// Greatest overrun of a small budget, as a share of it, and that budget.
     pub(super) cascade: [f64; 2],
     pub(super) spheres: Vec<Spheres>,
@@ -87,18 +82,6 @@ pub(super) struct Strips {
     pub(super) bytes: [usize; 4],
 }
 
-/// The bound that the paper takes at vertices only.
-#[derive(Clone, Copy, PartialEq, Debug)]
-pub(super) struct Bounds {
-    /// The greatest length anywhere along a triangle's sides over that at its vertices: the greatest, and the share of
-    /// triangles above 1.01.
-    pub(super) low_by: f64,
-    pub(super) low_share: f64,
-    /// Share of pairs of a diamond and a child in which the child has the greater thickness, and the greater bound.
-    pub(super) thicker: f64,
-    pub(super) greater: f64,
-}
-
 /// Triangles at 3 pixels on 640 x 480: nested spheres, split-only ROAM; and their greatest distortion.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Spheres {
@@ -127,10 +110,6 @@ const SPHERES_VIEWPORT_PX: [u32; 2] = [640, 480];
 /// Side of the map for T-Strip's count of steps.
 const STEPS_CELLS: u32 = 32;
 const SMALL_BUDGETS: std::ops::RangeInclusive<u32> = 4..=64;
-/// Points along each side of a triangle at which its bound is sampled.
-const SAMPLES: u32 = 8;
-/// One in so many diamonds is looked at.
-const DIAMONDS: u64 = 7;
 
 /// Runs all probes.
 pub(super) fn measure(worlds: &[World], plan: &Plan, instrument: &Instrument<'_>) -> Result<Probes, TradeError> {
@@ -148,7 +127,7 @@ pub(super) fn measure(worlds: &[World], plan: &Plan, instrument: &Instrument<'_>
         probes.decisions.push(decision(number, world, plan)?);
         probes.topology.push(topology(world)?);
         probes.strips.push(kept_strips(number, world, plan, instrument)?);
-        probes.bounds.push(bounds(world)?);
+        probes.bounds.push(vertex_bound::measure(world)?);
         probes.spheres.push(spheres(world)?);
         probes.thresholds.extend(thresholds(number, world, plan)?);
         let cascade = cascade(world)?;
@@ -282,91 +261,6 @@ fn kept_strips(number: usize, world: &World, plan: &Plan, instrument: &Instrumen
         slower: with_s / without_s,
         bytes: [list.bytes, greedy.bytes, kept.bytes, fans.bytes],
     })
-}
-
-/// The greatest length in pixels of a thickness up or down from a point; nothing nearer than the near plane.
-fn length_px(view: &LodView, p: glam::DVec3, thickness_m: f64) -> Option<f64> {
-    let middle = view.project(p)?;
-    let mut worst = 0.0_f64;
-    for end in [p - glam::DVec3::Z * thickness_m, p + glam::DVec3::Z * thickness_m] {
-        let end = view.project(end)?;
-        let (dx, dy) = (end[0] - middle[0], end[1] - middle[1]);
-        worst = worst.max((dx * dx + dy * dy).sqrt());
-    }
-    Some(worst)
-}
-
-/// The greatest such length at a triangle's corners, and along its sides.
-fn lengths_px(world: &World, view: &LodView, t: Triangle, thickness_m: f64) -> Option<[f64; 2]> {
-    let corners = t.corners().map(|p| world.ground.scene(p.i, p.j));
-    let mut found = [0.0_f64; 2];
-    for k in 0..3 {
-        let (from, to) = (corners[k], corners[(k + 1) % 3]);
-        found[0] = found[0].max(length_px(view, from, thickness_m)?);
-        for n in 0..SAMPLES {
-            let p = from + (to - from) * (f64::from(n) / f64::from(SAMPLES));
-            found[1] = found[1].max(length_px(view, p, thickness_m)?);
-        }
-    }
-    Some(found)
-}
-
-fn bounds(world: &World) -> Result<Bounds, TradeError> {
-    let view = view(&world.flight(Preset::Straight, 1, 1)?[0])?;
-    let up_m = world.scale().up_m;
-    let tight_m = |p: Post| -> Result<f64, TradeError> { Ok(f64::from(world.terrain.bounds(p)?.tight) * up_m) };
-    let mut mesh = ViewMesh::new(Arc::clone(&world.terrain), world.scale())?;
-    mesh.update(view.camera(), roam::Target::TriangleBudget(10_000), &[])?;
-    let mut triangles = Vec::new();
-    mesh.for_each_triangle(|t| triangles.push(t));
-    let mut ratios = Vec::new();
-    for t in triangles {
-        let Some(m) = t.base_midpoint() else { continue };
-        if let Some([corners, sides]) = lengths_px(world, &view, t, tight_m(m)?).filter(|l| l[0] > 0.0) {
-            ratios.push(sides / corners);
-        }
-    }
-    let [thicker, greater] = not_monotone(world, &view)?;
-    let low = ratios.iter().filter(|&&ratio| ratio > 1.01).count();
-    let low_by = quantile(&ratios, 1.0);
-    Ok(Bounds { low_by, low_share: low as f64 / ratios.len().max(1) as f64, thicker, greater })
-}
-
-/// The shares of pairs of a diamond and its child in which the child exceeds its parent: in thickness, and in the bound
-/// at vertices.
-fn not_monotone(world: &World, view: &LodView) -> Result<[f64; 2], TradeError> {
-    let (root, up_m) = (world.ground.grid().root(), world.scale().up_m);
-    let look = |p: Post| -> Result<(f64, Option<f64>), TradeError> {
-        let thickness = f64::from(world.terrain.bounds(p)?.tight);
-        let mut bound = Some(0.0_f64);
-        for t in root.triangles(p) {
-            let of_triangle = t.corners().map(|p| length_px(view, world.ground.scene(p.i, p.j), thickness * up_m));
-            bound = of_triangle.into_iter().fold(bound, |worst, length| Some(worst?.max(length?)));
-        }
-        Ok((thickness, bound))
-    };
-    let (mut pairs, mut more) = ([0.0; 2], [0.0; 2]);
-    let grid = world.ground.grid();
-    for j in (0..grid.ny()).step_by(2) {
-        for i in (0..grid.nx()).step_by(2) {
-            let p = Post::new(i, j);
-            let is_corner = root.corners().contains(&p);
-            if is_corner || !synthetic::mix(p.key()).is_multiple_of(DIAMONDS) {
-                continue;
-            }
-            let (thickness, bound) = look(p)?;
-            for child in root.children(p) {
-                let (inner, inner_bound) = look(child)?;
-                pairs[0] += 1.0;
-                more[0] += f64::from(u8::from(inner > thickness));
-                if let (Some(outer), Some(inner)) = (bound, inner_bound) {
-                    pairs[1] += 1.0;
-                    more[1] += f64::from(u8::from(inner > outer));
-                }
-            }
-        }
-    }
-    Ok([0, 1].map(|n| more[n] / f64::max(pairs[n], 1.0)))
 }
 
 /// The greatest share of a small budget by which a cascade overran it, and that budget.
