@@ -24,7 +24,7 @@ use super::{
     generator::{runtime, write},
 };
 use crate::{
-    database::{self, Database, IngestOptions, OpenOptions, VoidPolicy},
+    database::{self, Database, IngestOptions, OpenOptions},
     dem,
     evaluate::flight::{MAX_FRAMES, Preset},
     roam::Fidelity,
@@ -148,8 +148,7 @@ fn ingest(folder: &Path) -> Result<Arc<Database>, Failure> {
     let failed = |e: &dyn std::fmt::Display| Failure::environment("ingesting the built-in elevation model", e);
     let mut raster =
         dem::open(std::slice::from_ref(&source), &dem::OpenOptions::default(), &mut |_| {}).map_err(|e| failed(&e))?;
-    let options =
-        IngestOptions { unit_m: None, voids: VoidPolicy::Keep, replace: true, sources: vec!["jacksboro.tif".into()] };
+    let options = IngestOptions { replace: true, sources: vec!["jacksboro.tif".into()], ..IngestOptions::default() };
     database::ingest(&mut *raster, &target, &options, &mut |_| {}).map_err(|e| failed(&e))?;
     Ok(Arc::new(Database::open(&target, OpenOptions::default()).map_err(|e| failed(&e))?))
 }

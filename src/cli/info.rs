@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{Context, Failure};
+use super::{Context, Failure, output::Output, relief};
 use crate::{
     database::{Database, OpenError, OpenOptions},
     terrain::{Georeference, SceneScale},
@@ -16,6 +16,12 @@ pub(super) struct Args {
     /// The database.
     #[arg(value_name = "DB")]
     database: PathBuf,
+    /// Draw it from above, shaded and tinted by height, voids blue, as a PNG.
+    #[arg(long, value_name = "F.png")]
+    thumbnail: Option<PathBuf>,
+    /// Replace the picture if it exists.
+    #[arg(long, requires = "thumbnail")]
+    force: bool,
 }
 
 /// Opens a database, or says why not, with the right exit status.
@@ -41,6 +47,12 @@ pub(super) fn hex(bytes: &[u8]) -> String {
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let database = open(&self.database)?;
+        if let Some(path) = &self.thumbnail {
+            let output = Output::new(context, path, self.force)?;
+            let picture =
+                relief::thumbnail(&database).map_err(|error| Failure::input(self.database.display(), error))?;
+            output.bytes(&picture.png().map_err(|error| Failure::environment(path.display(), error))?)?;
+        }
         if context.json {
             outln!("{:#}", self.document(&database));
         } else {

@@ -53,6 +53,11 @@ pub(super) struct Args {
     /// The horizontal reference system, in place of the file's own.
     #[arg(long, value_name = "EPSG:N", value_parser = parse_epsg)]
     crs: Option<u32>,
+    /// How much memory to take at most, but for what the input's reader needs: a number of KiB, MiB or GiB.
+    ///
+    /// What does not fit waits beside the output, in a file that takes as much room as the output does.
+    #[arg(long, value_name = "SIZE", default_value = "512MiB", value_parser = parse_bytes)]
+    memory: usize,
     /// How a PNG holds heights, in place of what its path says ("terrarium", "mapbox" or "terrain-rgb" in its name).
     #[arg(long, value_enum, value_name = "KIND")]
     png: Option<Png>,
@@ -92,6 +97,19 @@ fn parse_epsg(text: &str) -> Result<u32, String> {
     number.parse().map_err(|_| format!("'{number}' in '{text}' is not the number of a reference system"))
 }
 
+/// Bytes of a size such as 512MiB.
+fn parse_bytes(text: &str) -> Result<usize, String> {
+    let wrong = || format!("'{text}' is not a size such as 512MiB or 2GiB");
+    let digits = text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
+    let unit = match &text[digits..] {
+        "KiB" => 1 << 10,
+        "MiB" => 1 << 20,
+        "GiB" => 1 << 30,
+        _ => return Err(wrong()),
+    };
+    text[..digits].parse::<usize>().ok().and_then(|number| number.checked_mul(unit)).ok_or_else(wrong)
+}
+
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let started = Instant::now();
@@ -120,6 +138,7 @@ impl Args {
             },
             replace: self.force,
             sources: names(&self.inputs),
+            memory_bytes: self.memory,
         };
         let mut progress = Progress::new(context, "posts");
         let done = database::ingest(&mut *raster, output, &options, &mut |p| match p.stage {
@@ -212,7 +231,7 @@ pub(super) fn dem_failure(error: dem::DemError) -> Failure {
 fn failure(error: IngestError) -> Failure {
     match error {
         IngestError::Dem(error) => dem_failure(error),
-        IngestError::Unit(_) => Failure::Usage(error.to_string()),
+        IngestError::Unit(_) | IngestError::Write(WriteError::Memory { .. }) => Failure::Usage(error.to_string()),
         IngestError::Write(WriteError::Exists(_) | WriteError::Io { .. }) => Failure::Environment(error.to_string()),
         _ => Failure::Input(error.to_string()),
     }
@@ -221,6 +240,17 @@ fn failure(error: IngestError) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes_have_a_unit() {
+        assert_eq!(parse_bytes("512MiB"), Ok(512 << 20));
+        assert_eq!((parse_bytes("7KiB"), parse_bytes("2GiB")), (Ok(7 << 10), Ok(2 << 30)));
+        for bad in
+            ["", "512", "MiB", "-1MiB", "1.5GiB", "1 GiB", "1mib", "99999999999999999999MiB", "9999999999999999GiB"]
+        {
+            assert!(parse_bytes(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn reference_systems_are_named_by_authority_and_number() {

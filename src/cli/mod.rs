@@ -27,6 +27,7 @@ mod pictures;
 mod plot;
 mod profile;
 mod progress;
+mod relief;
 mod replay;
 mod serve;
 mod status;

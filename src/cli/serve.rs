@@ -13,7 +13,7 @@ use tracing_subscriber::EnvFilter;
 
 use super::{Context, Failure, info};
 use crate::{
-    database::Database,
+    database::{Database, OpenOptions},
     service::{
         self, Options, Recording, ServedTerrain, Tls, Tokens,
         config::{Config, LogLayout},
@@ -46,6 +46,9 @@ pub(super) struct Args {
     /// Greatest size of that file in MiB; then the recording ends, and the server goes on [default: 1024].
     #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
     record_limit: Option<u32>,
+    /// Memory for pages of the database in MiB; what does not fit is read again when it is needed [default: 256].
+    #[arg(long, value_name = "MIB")]
+    page_cache: Option<u32>,
     /// Print all settings as they are, in the form of such a file, and stop.
     #[arg(long)]
     print_config: bool,
@@ -70,6 +73,7 @@ impl Args {
             config.record.clone_from(record);
         }
         config.record_limit_mib = self.record_limit.unwrap_or(config.record_limit_mib);
+        config.page_cache_mib = self.page_cache.unwrap_or(config.page_cache_mib);
         Ok(config)
     }
 
@@ -83,7 +87,9 @@ impl Args {
         start_log(context, config.log);
         let mut options = options(&config)?;
         let is_secured = options.tls.is_some();
-        let database = Arc::new(info::open(path)?);
+        let pages = OpenOptions { cache_bytes: (config.page_cache_mib as usize) << 20 };
+        let opened = Database::open(path, pages).map_err(|error| info::open_failure(path, error));
+        let database = Arc::new(opened?);
         if !config.state.is_empty() {
             options.store = Box::new(store(Path::new(&config.state), &database)?);
         }

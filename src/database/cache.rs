@@ -60,6 +60,12 @@ impl<V: Clone> Cache<V> {
         shard.bytes += bytes;
     }
 
+    /// Keeps `value` in place of what was kept under its key.
+    pub(super) fn replace(&self, key: u64, value: V, bytes: usize) {
+        self.shard(key).remove(key);
+        self.insert(key, value, bytes);
+    }
+
     fn shard(&self, key: u64) -> MutexGuard<'_, Shard<V>> {
         // The high bits of a product with an odd constant (Knuth's multiplicative hash): all bits of the key count.
         let n = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize % SHARDS;
@@ -77,14 +83,17 @@ impl<V> Shard<V> {
             self.hand += 1;
             return;
         }
-        let gone = self.slots.swap_remove(self.hand);
-        self.index.remove(&gone.key);
-        self.bytes -= gone.bytes;
-        if let Some(moved) = self.slots.get(self.hand) {
-            self.index.insert(moved.key, self.hand);
-        }
+        self.remove(self.slots[self.hand].key);
         // The last slot, the newest page, now lies here: the hand comes to it last.
         self.hand += 1;
+    }
+
+    fn remove(&mut self, key: u64) {
+        let Some(n) = self.index.remove(&key) else { return };
+        self.bytes -= self.slots.swap_remove(n).bytes;
+        if let Some(moved) = self.slots.get(n) {
+            self.index.insert(moved.key, n);
+        }
     }
 }
 

@@ -11,31 +11,34 @@ use std::{
 
 use super::{
     Database, OpenError, OpenOptions, WriteError,
-    directory::{self, BLOCK_ENTRIES},
+    budget::Budget,
+    directory::{self, BLOCK_ENTRIES, Entry},
+    draft::Draft,
     envelope,
     format::{self, Element, Kind},
     layout::Paging,
     manifest::{Manifest, TerrainManifest},
+    scratch::Scratch,
     source::PageSource,
     tests::{SCALE, description, terrain},
     verify::verify_source,
-    writer::{Content, Sink, plan, publish},
+    writer::{Content, Sink, heights_of, plan, publish},
 };
 use crate::{
     terrain::{Grid, HeightField, MemoryField, PageId, Posts, ReadError, extremes},
-    wedgie::{BoundsPyramid, ErrorBounds, Lattice},
+    wedgie::{Effort, ErrorBounds, LatticeSize},
 };
 
 /// Bytes in memory that can shrink, and that count what is read of them.
 #[derive(Clone, Default)]
-struct Bytes {
+pub(super) struct Bytes {
     bytes: Arc<Vec<u8>>,
     cut: Arc<AtomicU64>,
     read: Arc<AtomicU64>,
 }
 
 impl Bytes {
-    fn boxed(bytes: &[u8]) -> Box<dyn PageSource> {
+    pub(super) fn boxed(bytes: &[u8]) -> Box<dyn PageSource> {
         Box::new(Self { bytes: Arc::new(bytes.to_vec()), ..Self::default() })
     }
 }
@@ -73,15 +76,18 @@ impl Sink for Memory {
 }
 
 /// The bytes that `writes` writes of a database of `field` leave, and whether it was complete.
-fn written(field: &MemoryField, writes: usize) -> (Vec<u8>, bool) {
-    let bounds = BoundsPyramid::compute(field, SCALE).unwrap();
+pub(super) fn written(field: &MemoryField, writes: usize) -> (Vec<u8>, bool) {
+    let folder = tempfile::tempdir().unwrap();
+    let scratch = Scratch::beside(&folder.path().join("it"), 0).unwrap();
+    let budget = Budget { cache_bytes: 0, effort: Effort { rows: Effort::ROWS_STEP, bands: 1 } };
+    let draft = Draft::complete(&scratch, heights_of(field, &scratch).unwrap(), SCALE, budget, &|_| ()).unwrap();
     let mut sink = Memory { bytes: Vec::new(), writes_left: writes };
-    let mut content = Content::survey(field, &bounds, &description()).unwrap();
+    let mut content = Content::plan(&draft, &description()).unwrap();
     let done = content.write(&mut sink, Path::new("memory"), &mut |_| ()).is_ok();
     (sink.bytes, done)
 }
 
-const NO_CACHE: OpenOptions = OpenOptions { cache_bytes: 0 };
+pub(super) const NO_CACHE: OpenOptions = OpenOptions { cache_bytes: 0 };
 
 fn pages(grid: Grid) -> impl Iterator<Item = PageId> {
     let (columns, rows) = grid.pages();
@@ -218,35 +224,93 @@ fn a_failed_or_panicking_ingest_leaves_the_old_database_or_none() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
 
-/// A front that states a terrain of 65,537 x 65,537 posts, over nothing but a hole.
-#[test]
-fn a_huge_sparse_file_opens_with_little_read_and_its_holes_are_damage() {
-    let grid = Grid::new(65_537, 65_537).unwrap();
+/// A front that states a terrain of 69,000 x 69,000 posts, 20 GB, and the pages that are needed at one place, over nothing
+/// but a hole.
+struct Huge {
+    front: Vec<u8>,
+    /// What is there besides, by its offset in the file.
+    pieces: Vec<(u64, Vec<u8>)>,
+    file_bytes: u64,
+}
+
+/// The page of heights that the huge file has.
+const THERE: PageId = PageId { pi: 1000, pj: 500 };
+
+fn huge() -> Huge {
+    let grid = Grid::new(69_000, 69_000).unwrap();
     let (nx, ny) = (grid.nx(), grid.ny());
     let terrain = TerrainManifest { nx, ny, scale: SCALE, georeference: None, lowest: 0, highest: 9, void_posts: 0 };
     let manifest = Manifest { terrain, provenance: super::Provenance::default(), version: [7; 16] };
     let manifest = envelope::seal(&manifest).unwrap();
-    let lattices: Vec<_> = (1..grid.root().exponent()).map(|k| Lattice::size(grid, k)).collect();
-    let bitmaps = vec![0; extremes::levels(grid) as usize];
-    let (sections, file_bytes) = plan(manifest.len() as u64, grid, Element::I16, 0, &lattices, &bitmaps);
+    let lattices: Vec<_> = (1..grid.root().exponent())
+        .map(|k| LatticeSize::of(grid, k))
+        .map(|size| (size, 27 * u64::from(size.columns.div_ceil(2)) * u64::from(size.rows.div_ceil(2))))
+        .collect();
+    let extremes: Vec<_> = (1..extremes::levels(grid) + 1)
+        .map(|level| extremes::extent(grid, level))
+        .map(|(columns, rows)| 4 * u64::from(columns) * u64::from(rows))
+        .collect();
+    let (sections, file_bytes) =
+        plan(manifest.len() as u64, grid, Element::I16, 2 * grid.posts(), &lattices, &extremes);
     let per_post = file_bytes as f64 / grid.posts() as f64;
-    assert!((4.2..4.3).contains(&per_post), "{per_post} bytes a post");
-    let front = [format::encode_front(&sections, file_bytes), manifest].concat();
+    assert!((4.2..4.3).contains(&per_post) && file_bytes > 20_000_000_000, "{per_post} bytes a post");
+    let heights = sections.iter().find(|s| s.kind == Kind::Heights).unwrap();
+    let (n, page) = (Paging::of_heights(nx, ny).number(THERE), 7_i16.to_le_bytes().repeat(4096));
+    let (block, place) = (n / BLOCK_ENTRIES, (n % BLOCK_ENTRIES) as usize);
+    let offset = heights.offset + directory::bytes(heights.pages).unwrap() + 8192 * n;
+    let mut entries = vec![Entry::default(); BLOCK_ENTRIES as usize];
+    entries[place] = Entry { offset, checksum: xxhash_rust::xxh3::xxh3_64(&page), length: 8192, flags: 0 };
+    let directory = directory::encode_block(block, &entries);
+    let pieces = vec![(heights.offset + directory::block_span(heights.pages, block).0, directory), (offset, page)];
+    Huge { front: [format::encode_front(&sections, file_bytes), manifest].concat(), pieces, file_bytes }
+}
+
+/// Set for a process of its own that looks at how much it reads and holds.
+const ALONE: &str = "SIGHTLINE_OPEN_HUGE";
+
+/// A number that the system states of this process, in a line that starts with `name`.
+fn stated(file: &str, name: &str) -> Option<u64> {
+    let text = std::fs::read_to_string(format!("/proc/self/{file}")).ok()?;
+    text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?.parse().ok()
+}
+
+#[test]
+fn a_huge_sparse_file_opens_with_little_read_and_held_and_its_holes_are_damage() {
+    if let Some(path) = std::env::var_os(ALONE) {
+        let before = stated("io", "rchar:");
+        let database = Database::open(Path::new(&path), OpenOptions::default()).unwrap();
+        assert_eq!(database.page(THERE).unwrap().at(5, 5).z, 7.0);
+        let error = database.page(PageId { pi: 100, pj: 500 }).unwrap_err();
+        assert!(matches!(error, ReadError::Damaged { .. }), "{error}");
+        let read = stated("io", "rchar:").zip(before).map(|(after, before)| after - before);
+        assert!(read.is_none_or(|bytes| bytes < 1 << 20), "{read:?} bytes read");
+        let held = stated("status", "VmHWM:");
+        assert!(held.is_none_or(|kib| kib < 64 << 10), "{held:?} KiB held");
+        return;
+    }
+    let Huge { front, pieces, file_bytes } = huge();
+    let source = Bytes { bytes: Arc::new(front.clone()), ..Bytes::default() };
+    let database = Database::open_source(Box::new(source.clone()), NO_CACHE).unwrap();
+    assert!(matches!(database.page(PageId { pi: 0, pj: 0 }), Err(ReadError::Damaged { .. })));
+    assert!(source.read.load(Ordering::Relaxed) < 16_384);
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("huge.sldb");
     std::fs::write(&path, &front).unwrap();
-    let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
-    if file.set_len(file_bytes).is_ok() {
-        let database = Database::open(&path, OpenOptions::default()).unwrap();
-        let error = database.page(PageId { pi: 1000, pj: 500 }).unwrap_err();
-        assert!(matches!(error, ReadError::Damaged { .. }), "{error}");
+    let mut file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
+    if file.set_len(file_bytes).is_err() {
+        // A file system without sparse files has no room for it.
+        return;
     }
-
-    let source = Bytes { bytes: Arc::new(front), ..Bytes::default() };
-    let database = Database::open_source(Box::new(source.clone()), NO_CACHE).unwrap();
-    assert!(matches!(database.page(PageId { pi: 0, pj: 0 }), Err(ReadError::Damaged { .. })));
-    assert!(source.read.load(Ordering::Relaxed) < 16_384);
+    pieces.iter().for_each(|(offset, bytes)| file.write_at(*offset, bytes).unwrap());
+    let name = "database::damage_tests::a_huge_sparse_file_opens_with_little_read_and_held_and_its_holes_are_damage";
+    let alone = std::process::Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", name])
+        .env(ALONE, &path)
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&alone.stdout);
+    assert!(alone.status.success() && words.contains("1 passed"), "{words}");
 }
 
 /// Directory entries with valid checksums that point elsewhere, or state other lengths, are refused before a read.
@@ -263,10 +327,10 @@ fn lying_directories_are_refused_without_reading_or_allocating() {
         match n % 3 {
             0 => entries[0].offset = value,
             1 => entries[0].length = value as u32,
-            _ => entries[0].flags = 2 + value as u32 / 2,
+            _ => entries[0].flags = 2 + value as u32 / 2, // of a page that is not constant
         }
         let mut bad = bytes.clone();
-        let directory = directory::encode(&entries);
+        let directory = directory::encode_block(0, &entries);
         bad[heights.offset as usize..][..directory.len()].copy_from_slice(&directory);
         let database = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
         assert_eq!(unreadable_pages(&database, &field), 1, "field {n}, value {value}");
@@ -365,7 +429,7 @@ fn damaged_and_wrong_extremes_are_found() {
         let least = i16::from_le_bytes([page[0], page[1]]) - 1;
         page[..2].copy_from_slice(&least.to_le_bytes());
         entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
-        let directory = directory::encode(&entries);
+        let directory = directory::encode_block(0, &entries);
         bad[entry.offset as usize..][..page.len()].copy_from_slice(&page);
         bad[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
         let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();

@@ -15,6 +15,8 @@ const CHECKSUM_BYTES: u64 = 8;
 
 /// The bit of a page's flags that says that a bitmap of voids follows the heights.
 pub(super) const HAS_VOIDS: u32 = 1;
+/// The bit of a page's flags that says that all its cells are equal, and one stands for them.
+pub(super) const IS_CONSTANT: u32 = 2;
 
 /// Where a page is.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -44,20 +46,17 @@ pub(super) fn block_span(pages: u64, n: u64) -> (u64, usize) {
     (n * (BLOCK_ENTRIES * ENTRY_BYTES + CHECKSUM_BYTES), (entries * ENTRY_BYTES + CHECKSUM_BYTES) as usize)
 }
 
-/// The bytes of a whole directory.
-pub(super) fn encode(entries: &[Entry]) -> Vec<u8> {
-    let mut out = Vec::new();
-    for (n, block) in entries.chunks(BLOCK_ENTRIES as usize).enumerate() {
-        let start = out.len();
-        for entry in block {
-            out.extend_from_slice(&entry.offset.to_le_bytes());
-            out.extend_from_slice(&entry.checksum.to_le_bytes());
-            out.extend_from_slice(&entry.length.to_le_bytes());
-            out.extend_from_slice(&entry.flags.to_le_bytes());
-        }
-        let checksum = xxh3_64_with_seed(&out[start..], n as u64);
-        out.extend_from_slice(&checksum.to_le_bytes());
+/// The bytes of block `n`, which has these entries.
+pub(super) fn encode_block(n: u64, entries: &[Entry]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(entries.len() * ENTRY_BYTES as usize + CHECKSUM_BYTES as usize);
+    for entry in entries {
+        out.extend_from_slice(&entry.offset.to_le_bytes());
+        out.extend_from_slice(&entry.checksum.to_le_bytes());
+        out.extend_from_slice(&entry.length.to_le_bytes());
+        out.extend_from_slice(&entry.flags.to_le_bytes());
     }
+    let checksum = xxh3_64_with_seed(&out, n);
+    out.extend_from_slice(&checksum.to_le_bytes());
     out
 }
 
@@ -81,7 +80,8 @@ mod tests {
         for pages in [0, 1, 127, 128, 129, 300] {
             let entries: Vec<_> =
                 (0..pages).map(|n| Entry { offset: n * 10, checksum: !n, length: n as u32, flags: 1 }).collect();
-            let all = encode(&entries);
+            let blocks_of = entries.chunks(BLOCK_ENTRIES as usize);
+            let all: Vec<u8> = (0..).zip(blocks_of).flat_map(|(n, block)| encode_block(n, block)).collect();
             assert_eq!(bytes(pages), Some(all.len() as u64));
             let mut back = Vec::new();
             for n in 0..blocks(pages) {

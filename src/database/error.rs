@@ -55,6 +55,22 @@ impl OpenError {
 /// Why a database could not be written. What was there before is still there.
 #[derive(Debug, Error)]
 pub enum WriteError {
+    /// The memory that was allowed is too little for a grid of this size.
+    #[error(
+        "a grid of {nx} x {ny} posts takes {} MiB of memory to ingest, more than the {} MiB allowed; give more with --memory",
+        .needed.div_ceil(1 << 20),
+        .given >> 20
+    )]
+    Memory {
+        /// Bytes that are needed.
+        needed: usize,
+        /// Bytes that were allowed.
+        given: usize,
+        /// Posts from west to east.
+        nx: u32,
+        /// Posts from south to north.
+        ny: u32,
+    },
     /// The output exists and replacing it was not asked for.
     #[error("{} exists; give --force to replace it", .0.display())]
     Exists(PathBuf),

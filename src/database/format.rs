@@ -9,8 +9,8 @@ use super::error::OpenError;
 
 /// The first bytes of every database. The high bit, the line ends and the control-Z show what a text-mode copy did.
 pub(super) const MAGIC: [u8; 8] = *b"\x8bSLDB\r\n\x1a";
-/// Version of the header and the table.
-pub(super) const VERSION: u32 = 1;
+/// Version of the format that is written; the first one, without constant pages, is still read.
+pub(super) const VERSION: u32 = 2;
 
 const VERSION_AT: usize = MAGIC.len();
 const SECTIONS_AT: usize = VERSION_AT + 4;
@@ -184,6 +184,7 @@ impl Section {
 /// The header's numbers.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Header {
+    pub(super) version: u32,
     pub(super) sections: u32,
     pub(super) file_bytes: u64,
     table_checksum: u64,
@@ -228,15 +229,15 @@ pub(super) fn decode_header(bytes: &[u8]) -> Result<Header, OpenError> {
         return Err(OpenError::damaged("header", "its checksum does not fit its bytes"));
     }
     let version = u32_at(bytes, VERSION_AT);
-    if version != VERSION {
-        return Err(OpenError::Unsupported(format!("format version {version} (this program reads {VERSION})")));
+    if !(1..=VERSION).contains(&version) {
+        return Err(OpenError::Unsupported(format!("format version {version} (this program reads 1 to {VERSION})")));
     }
     let sections = u32_at(bytes, SECTIONS_AT);
     if sections > MAX_SECTIONS {
         return Err(OpenError::damaged("header", format!("{sections} sections, more than {MAX_SECTIONS}")));
     }
     let table_checksum = u64_at(bytes, TABLE_CHECKSUM_AT);
-    Ok(Header { sections, file_bytes: u64_at(bytes, LENGTH_AT), table_checksum })
+    Ok(Header { version, sections, file_bytes: u64_at(bytes, LENGTH_AT), table_checksum })
 }
 
 /// Reads the table that follows `header`, and checks that the sections lie end to end to the end of the file.

@@ -1,7 +1,8 @@
 //! From a raster to a database: quantise once, fill voids for drawing, compute the bounds, write.
 //!
 //! The heights become integers of the declared unit, to the nearest and ties away from zero; from then on that is the
-//! terrain. The heights and bounds of the whole terrain are in memory meanwhile (about 2 and 8 bytes a post).
+//! terrain. Rows are read once, from south to north, and become pages on a disk; all else is made from those, some at a
+//! time, so that the memory taken stays below what is allowed, whatever the size of the terrain.
 
 use std::{
     path::Path,
@@ -11,30 +12,30 @@ use std::{
 use thiserror::Error;
 
 use super::{
+    budget::{Budget, DEFAULT_MEMORY_BYTES},
+    draft::{Draft, Heights, Measured},
     error::WriteError,
     fill::{self, fill_voids},
     manifest::Provenance,
-    paged::PagedField,
-    writer::{self, Description, Written},
+    scratch::Scratch,
+    writer::{self, Content, Description, Written},
 };
 use crate::{
     dem::{DemError, Raster, SeamReport},
-    terrain::{Grid, GridError, PAGE_SIDE, ReadError, SceneScale},
-    wedgie::BoundsPyramid,
+    terrain::{Grid, GridError, PAGE_POSTS, PAGE_SIDE, ReadError, SceneScale},
 };
 
 /// What is done about posts without data.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum VoidPolicy {
     /// They stay void: filled for drawing, unknown to lines of sight.
-    #[default]
     Keep,
     /// A raster that has any is refused.
     Reject,
 }
 
 /// How a raster is ingested.
-#[derive(Clone, PartialEq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct IngestOptions {
     /// Metres per height unit; `None` takes what the raster suggests.
     pub unit_m: Option<f64>,
@@ -44,6 +45,15 @@ pub struct IngestOptions {
     pub replace: bool,
     /// Names of the sources, for the manifest.
     pub sources: Vec<String>,
+    /// Bytes of memory that the program may take, but for what the raster's reader keeps at hand.
+    pub memory_bytes: usize,
+}
+
+impl Default for IngestOptions {
+    fn default() -> Self {
+        let (unit_m, voids, replace, sources) = (None, VoidPolicy::Keep, false, Vec::new());
+        Self { unit_m, voids, replace, sources, memory_bytes: DEFAULT_MEMORY_BYTES }
+    }
 }
 
 /// What an ingest is doing.
@@ -147,9 +157,25 @@ pub fn ingest(
         return Err(IngestError::Unit(unit_m));
     }
     let grid = Grid::new(info.nx, info.ny)?;
+    let budget = writer::budget(options.memory_bytes, grid)?;
+    ingest_within(raster, grid, unit_m, path, options, budget, progress)
+}
+
+fn ingest_within(
+    raster: &mut dyn Raster,
+    grid: Grid,
+    unit_m: f64,
+    path: &Path,
+    options: &IngestOptions,
+    budget: Budget,
+    progress: &mut (dyn FnMut(IngestProgress) + Send),
+) -> Result<Ingested, IngestError> {
     let total = grid.posts();
     let mut tell = |stage, done| progress(IngestProgress { stage, done, total });
-    let (mut field, void_posts) = read(raster, grid, unit_m, &mut |done| tell(Stage::Reading, done))?;
+    let scratch = Scratch::beside(path, budget.cache_bytes)?;
+    let mut heights = read(raster, &scratch, grid, unit_m, &mut |done| tell(Stage::Reading, done))?;
+    raster.release();
+    let void_posts = heights.void_posts;
     if void_posts == total {
         return Err(WriteError::AllVoid { posts: total }.into());
     }
@@ -158,16 +184,17 @@ pub fn ingest(
             return Err(IngestError::Voids { void_posts, posts: total });
         }
         tell(Stage::Filling, 0);
-        fill_voids(&mut field);
+        fill_voids(&scratch, &mut heights)?;
     }
-    let georeference = info.georeference.is_placed().then_some(info.georeference);
+    let place = raster.info().georeference;
+    let georeference = place.is_placed().then_some(place);
     let scale = match georeference {
-        Some(place) => place.scene_scale(info.nx, info.ny, unit_m),
+        Some(place) => place.scene_scale(grid.nx(), grid.ny(), unit_m),
         None => SceneScale { up_m: unit_m, ..SceneScale::UNIT },
     };
-    let bounds = {
+    let draft = {
         let state = Mutex::new((0, &mut tell));
-        BoundsPyramid::compute_with(&field, scale, &|more| {
+        Draft::complete(&scratch, heights, scale, budget, &|more| {
             let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
             state.0 = (state.0 + more).min(total);
             let done = state.0;
@@ -182,51 +209,68 @@ pub fn ingest(
         seam_disagreements: seams.map_or(0, |s| s.differing_posts),
     };
     let description = Description { scale, georeference, provenance };
-    let written = writer::write(path, options.replace, &field, &bounds, &description, &mut |done| {
-        tell(Stage::Writing, done);
+    let written = writer::publish(path, options.replace, |file| {
+        Content::plan(&draft, &description)?.write(file, path, &mut |done| tell(Stage::Writing, done))
     })?;
     Ok(Ingested { written, posts: total, void_posts, unit_m, seams })
 }
 
-/// Reads and quantises all rows; the field, voids at 0, and the number of voids.
-fn read(
+/// Reads and quantises all rows into pages, voids at 0.
+fn read<'a>(
     raster: &mut dyn Raster,
+    scratch: &'a Scratch,
     grid: Grid,
     unit_m: f64,
     progress: &mut dyn FnMut(u64),
-) -> Result<(PagedField, u64), IngestError> {
+) -> Result<Heights<'a>, IngestError> {
     let nx = grid.nx() as usize;
-    let mut field = PagedField::new(grid);
-    let mut heights = Vec::new();
-    let mut band = Vec::new();
-    let mut void_posts = 0;
-    for j0 in (0..grid.ny()).step_by(PAGE_SIDE as usize) {
+    let mut heights = Heights::new(scratch, grid);
+    let mut band_m = Vec::new();
+    for pj in 0..grid.pages().1 {
+        let j0 = pj * PAGE_SIDE;
         let rows = (grid.ny() - j0).min(PAGE_SIDE);
-        heights.resize(rows as usize * nx, 0.0);
-        raster.read_rows(j0, &mut heights)?;
-        band.clear();
-        for (n, &height_m) in heights.iter().enumerate() {
-            if height_m.is_nan() {
-                void_posts += 1;
-                band.push(None);
-                continue;
-            }
-            let quantised = quantise(height_m, unit_m);
-            if quantised.is_none() {
-                let (i, j) = ((n % nx) as u32, j0 + (n / nx) as u32);
-                return Err(IngestError::Range { i, j, height_m, unit_m });
-            }
-            band.push(quantised);
-        }
-        field.push_band(&band);
+        band_m.resize(rows as usize * nx, 0.0);
+        raster.read_rows(j0, &mut band_m)?;
+        heights.push_row(pj, |id| {
+            let west = (id.pi * PAGE_SIDE) as usize;
+            let rows = band_m.chunks_exact(nx).map(|row| &row[west..nx.min(west + PAGE_SIDE as usize)]);
+            quantised(rows, unit_m).map_err(|[i, j]| {
+                let (i, j) = (west as u32 + i, j0 + j);
+                IngestError::Range { i, j, height_m: band_m[(j - j0) as usize * nx + i as usize], unit_m }
+            })
+        })?;
         progress(u64::from(j0 + rows) * nx as u64);
     }
-    Ok((field, void_posts))
+    Ok(heights)
+}
+
+/// A page from its rows, heights in metres, NaN where void; the column and row of a height that does not fit.
+fn quantised<'a>(rows: impl Iterator<Item = &'a [f64]>, unit_m: f64) -> Result<Measured, [u32; 2]> {
+    let (mut heights, mut voids) = (vec![0; PAGE_POSTS], [0; PAGE_POSTS / 64]);
+    let (mut low, mut high) = (i32::MAX, i32::MIN);
+    for (j, (row, out)) in rows.zip(heights.chunks_exact_mut(PAGE_SIDE as usize)).enumerate() {
+        for (i, (&height_m, out)) in row.iter().zip(out).enumerate() {
+            if height_m.is_nan() {
+                voids[j] |= 1 << i;
+                continue;
+            }
+            let z = quantise(height_m, unit_m).ok_or([i as u32, j as u32])?;
+            (low, high) = (low.min(z), high.max(z));
+            *out = z;
+        }
+    }
+    Ok(Measured::new(&heights, &voids, (low <= high).then_some((low, high))))
 }
 
 /// The nearest integer of units, ties away from zero; `None` beyond 2^31 - 1.
+#[inline]
 fn quantise(height_m: f64, unit_m: f64) -> Option<i32> {
-    let units = (height_m / unit_m).round();
+    let units = height_m / unit_m;
+    let whole = units as i32;
+    if f64::from(whole) == units && whole > i32::MIN {
+        return Some(whole);
+    }
+    let units = units.round();
     (units.abs() <= f64::from(i32::MAX)).then_some(units as i32)
 }
 
@@ -236,7 +280,8 @@ mod tests {
     use crate::{
         database::{Database, OpenOptions, verify},
         dem::RasterInfo,
-        terrain::{Georeference, HeightField, Posts},
+        terrain::{Georeference, HeightField, Posts, synthetic},
+        wedgie::{BoundsPyramid, Effort},
     };
     use sightline_proto::diamond::Post;
 
@@ -290,6 +335,39 @@ mod tests {
         assert!(matches!(again, Err(IngestError::Write(WriteError::Exists(_)))));
     }
 
+    /// However little memory there is, and whatever is worked on at once, the file is the same, byte for byte.
+    #[test]
+    fn the_database_does_not_depend_on_memory() {
+        let folder = tempfile::tempdir().unwrap();
+        let height = |i: u32, j: u32| match (i / 70, j / 70) {
+            (1, 1) => f64::NAN,
+            (2 | 3, _) => 40.0,
+            (_, 0) if i.is_multiple_of(7) => f64::NAN,
+            _ => f64::from(synthetic::fractal_height(i, j, 3, 900)),
+        };
+        for (nx, ny, unit_m) in [(300, 210, 1.0), (150, 400, 0.01), (70, 1100, 1.0)] {
+            let grid = Grid::new(nx, ny).unwrap();
+            let files =
+                [(0, 32, 1), (40_000, 64, 2), (100 << 20, 512, usize::MAX)].map(|(cache_bytes, rows, bands)| {
+                    let path = folder.path().join(format!("{nx}-{cache_bytes}.sldb"));
+                    let mut raster = raster(height);
+                    (raster.info.nx, raster.info.ny) = (nx, ny);
+                    let budget = Budget { cache_bytes, effort: Effort { rows, bands } };
+                    let options = IngestOptions::default();
+                    ingest_within(&mut raster, grid, unit_m, &path, &options, budget, &mut |_| ()).unwrap();
+                    assert!(verify(&path, &|_, _| ()).unwrap().damage.is_empty());
+                    std::fs::read(&path).unwrap()
+                });
+            assert!(files[0] == files[1] && files[1] == files[2], "{nx} x {ny}");
+            let database = Database::open(&folder.path().join(format!("{nx}-0.sldb")), OpenOptions::default()).unwrap();
+            let bounds = BoundsPyramid::compute(&database, database.scale()).unwrap();
+            for (i, j) in (0..grid.root().side()).step_by(2).flat_map(|j| [(0, j), (2, j), (64, j), (j, j)]).skip(4) {
+                let p = Post::new(i, j);
+                assert_eq!(database.stored_bounds(p).unwrap(), bounds.get(p), "{p:?} of {nx} x {ny}");
+            }
+        }
+    }
+
     #[test]
     fn what_cannot_be_a_terrain_is_refused_and_nothing_is_left() {
         let folder = tempfile::tempdir().unwrap();
@@ -305,6 +383,8 @@ mod tests {
             let refused = attempt(|_, _| 1.0, IngestOptions { unit_m: Some(unit_m), ..default() });
             assert!(matches!(refused, Err(IngestError::Unit(_))), "{unit_m}");
         }
+        let little = attempt(|_, _| 1.0, IngestOptions { memory_bytes: 1 << 20, ..default() });
+        assert!(matches!(little, Err(IngestError::Write(WriteError::Memory { nx: 90, ny: 130, .. }))));
         let high = |i, j| if (i, j) == (3, 100) { 9000.0 } else { 1.0 };
         let refused = attempt(high, IngestOptions { unit_m: Some(1e-6), ..default() });
         assert!(matches!(refused, Err(IngestError::Range { i: 3, j: 100, .. })));

@@ -5,30 +5,35 @@
 //! an error for the query that meets it, never a wrong height and never a panic. There is no memory mapping, so a file
 //! that shrinks while it is open is an error and not a signal; `PageSource` is where a mapping would go.
 
+mod budget;
 mod cache;
 mod curve;
 #[cfg(test)]
 mod damage_tests;
 mod directory;
+mod draft;
 pub mod envelope;
 mod error;
 mod fill;
 mod format;
+#[cfg(test)]
+mod hostile_tests;
 mod ingest;
 mod layout;
 mod manifest;
-mod paged;
 mod pages;
 mod reader;
+mod scratch;
 mod source;
 #[cfg(test)]
 mod tests;
 mod verify;
 mod writer;
 
+pub use budget::DEFAULT_MEMORY_BYTES;
 pub use error::{OpenError, WriteError};
 pub use ingest::{IngestError, IngestOptions, IngestProgress, Ingested, Stage, VoidPolicy, ingest};
 pub use manifest::{Provenance, TerrainManifest};
-pub use reader::{Database, OpenOptions, SectionInfo};
+pub use reader::{Database, OpenOptions, Reads, SectionInfo};
 pub use verify::{Verification, verify};
 pub use writer::{Description, Written, write};

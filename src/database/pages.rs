@@ -1,7 +1,9 @@
 //! The bytes of one page, of heights, of bounds or of extremes, and what they decode to.
 
+use std::borrow::Cow;
+
 use super::{
-    directory::HAS_VOIDS,
+    directory::{HAS_VOIDS, IS_CONSTANT},
     format::Element,
     layout::{QUAD_DIAMONDS, QUAD_SIDE},
 };
@@ -10,18 +12,50 @@ use crate::{
     wedgie::DiamondBounds,
 };
 
+/// Bytes of a cell of a page: of a height, of the extremes of a block, or of the bounds of a quad.
+fn cell_bytes(element: Element) -> Option<usize> {
+    match element {
+        Element::I16 => Some(2),
+        Element::I32 | Element::PairI16 => Some(4),
+        Element::PairI32 => Some(8),
+        Element::Bounds => Some(12 * QUAD_DIAMONDS),
+        Element::ShortBounds => Some(SHORT_BYTES * QUAD_DIAMONDS),
+        Element::Byte | Element::Other(_) => None,
+    }
+}
+
 /// Bytes of a page of `size` cells with `flags`; `None` for flags or elements that no page has.
 pub(super) fn page_bytes(element: Element, size: (u32, u32), flags: u32) -> Option<usize> {
     let cells = (size.0 * size.1) as usize;
-    let voids = if flags == HAS_VOIDS { cells.div_ceil(8) } else { 0 };
-    match (element, flags) {
-        (Element::I16, 0 | HAS_VOIDS) => Some(2 * cells + voids),
-        (Element::I32 | Element::PairI16, 0 | HAS_VOIDS) => Some(4 * cells + voids),
-        (Element::PairI32, 0 | HAS_VOIDS) => Some(8 * cells + voids),
-        (Element::Bounds, 0) => Some(12 * cells * QUAD_DIAMONDS),
-        (Element::ShortBounds, 0) => Some(SHORT_BYTES * cells * QUAD_DIAMONDS),
-        _ => None,
+    let has_bounds = matches!(element, Element::Bounds | Element::ShortBounds);
+    let most = if has_bounds { IS_CONSTANT } else { HAS_VOIDS | IS_CONSTANT };
+    if flags & !most != 0 || (flags & IS_CONSTANT != 0 && cells < 2) {
+        return None;
     }
+    let stored = if flags & IS_CONSTANT != 0 { 1 } else { cells };
+    let voids = if flags & HAS_VOIDS != 0 { cells.div_ceil(8) } else { 0 };
+    Some(stored * cell_bytes(element)? + voids)
+}
+
+/// Leaves one cell of `width` bytes of a page where all of several are equal, and says so in its flags.
+fn shorten(mut cells: Vec<u8>, width: usize) -> (Vec<u8>, u32) {
+    // All are equal when each byte is that of one cell before.
+    if cells.len() < 2 * width || cells[width..] != cells[..cells.len() - width] {
+        return (cells, 0);
+    }
+    cells.truncate(width);
+    (cells, IS_CONSTANT)
+}
+
+/// All cells of a page of `cells`, and what follows them.
+fn all_cells(bytes: &[u8], element: Element, cells: usize, flags: u32) -> (Cow<'_, [u8]>, &[u8]) {
+    let width = cell_bytes(element).unwrap_or_default();
+    if flags & IS_CONSTANT != 0 {
+        let (one, rest) = bytes.split_at(width);
+        return (one.repeat(cells).into(), rest);
+    }
+    let (all, rest) = bytes.split_at(width * cells);
+    (all.into(), rest)
 }
 
 /// Bytes of the bounds of a diamond as they are written.
@@ -35,27 +69,48 @@ fn posts((w, h): (u32, u32)) -> impl Iterator<Item = usize> {
 /// The bytes of a page of heights and its flags; `None` when a height does not fit the element.
 pub(super) fn encode_heights(page: &HeightPage, element: Element, size: (u32, u32)) -> Option<(Vec<u8>, u32)> {
     let mut out = Vec::with_capacity(4 * (size.0 * size.1) as usize);
-    let mut bits = Vec::new();
-    let mut flags = 0;
-    for (n, index) in posts(size).enumerate() {
-        let post = page.at(index as u32 % PAGE_SIDE, index as u32 / PAGE_SIDE);
-        let z = exact_i32(post.z)?;
-        match element {
-            Element::I16 => out.extend_from_slice(&i16::try_from(z).ok()?.to_le_bytes()),
-            _ => out.extend_from_slice(&z.to_le_bytes()),
-        }
-        if n % 8 == 0 {
-            bits.push(0_u8);
-        }
-        if post.void {
-            bits[n / 8] |= 1 << (n % 8);
-            flags = HAS_VOIDS;
-        }
+    for j in 0..size.1 {
+        let row = (j * PAGE_SIDE) as usize..(j * PAGE_SIDE + size.0) as usize;
+        match (page.samples(), element) {
+            (Samples::I16(z), Element::I16) => append(&mut out, &z[row], |z| Some(z.to_le_bytes())),
+            (Samples::I16(z), _) => append(&mut out, &z[row], |z| Some(i32::from(z).to_le_bytes())),
+            (Samples::I32(z), Element::I16) => {
+                append(&mut out, &z[row], |z| Some(i16::try_from(z).ok()?.to_le_bytes()))
+            }
+            (Samples::I32(z), _) => append(&mut out, &z[row], |z| Some(z.to_le_bytes())),
+            (Samples::F64(z), Element::I16) => {
+                append(&mut out, &z[row], |z| Some(i16::try_from(exact_i32(z)?).ok()?.to_le_bytes()))
+            }
+            (Samples::F64(z), _) => append(&mut out, &z[row], |z| Some(exact_i32(z)?.to_le_bytes())),
+        }?;
     }
-    if flags == HAS_VOIDS {
-        out.extend_from_slice(&bits);
+    let (mut out, mut flags) = shorten(out, cell_bytes(element)?);
+    if page.has_voids() {
+        let mut bits = vec![0_u8; ((size.0 * size.1) as usize).div_ceil(8)];
+        for (n, index) in posts(size).enumerate() {
+            let post = page.at(index as u32 % PAGE_SIDE, index as u32 / PAGE_SIDE);
+            bits[n / 8] |= u8::from(post.void) << (n % 8);
+        }
+        if bits.iter().any(|&b| b != 0) {
+            flags |= HAS_VOIDS;
+            out.extend_from_slice(&bits);
+        }
     }
     Some((out, flags))
+}
+
+/// Appends `values` as bytes; `None` when one has none.
+fn append<const N: usize, V: Copy>(
+    out: &mut Vec<u8>,
+    values: &[V],
+    bytes: impl Fn(V) -> Option<[u8; N]>,
+) -> Option<()> {
+    let start = out.len();
+    out.resize(start + N * values.len(), 0);
+    for (slot, &value) in out[start..].as_chunks_mut::<N>().0.iter_mut().zip(values) {
+        *slot = bytes(value)?;
+    }
+    Some(())
 }
 
 /// `z` as an integer, if it is one of 32 bits.
@@ -72,14 +127,13 @@ pub(super) fn decode_heights(
     flags: u32,
 ) -> Result<HeightPage, String> {
     let cells = (size.0 * size.1) as usize;
-    let width = if element == Element::I16 { 2 } else { 4 };
-    let (values, bits) = bytes.split_at(width * cells);
+    let (values, bits) = all_cells(bytes, element, cells, flags);
     let samples = if element == Element::I16 {
-        Samples::I16(decode_samples(values, size.0, i16::from_le_bytes))
+        Samples::I16(decode_samples(&values, size.0, i16::from_le_bytes))
     } else {
-        Samples::I32(decode_samples(values, size.0, i32::from_le_bytes))
+        Samples::I32(decode_samples(&values, size.0, i32::from_le_bytes))
     };
-    let voids = if flags == HAS_VOIDS { Some(decode_voids(bits, cells, size)?) } else { None };
+    let voids = if flags & HAS_VOIDS != 0 { Some(decode_voids(bits, cells, size)?) } else { None };
     Ok(HeightPage::new(samples, voids))
 }
 
@@ -125,11 +179,12 @@ pub(super) fn encode_extremes(values: &[Extremes], element: Element) -> Option<(
         }
         bits[n / 8] |= u8::from(value.void) << (n % 8);
     }
-    if bits.iter().all(|&b| b == 0) {
-        return Some((out, 0));
+    let (mut out, mut flags) = shorten(out, cell_bytes(element)?);
+    if bits.iter().any(|&b| b != 0) {
+        out.extend_from_slice(&bits);
+        flags |= HAS_VOIDS;
     }
-    out.extend_from_slice(&bits);
-    Some((out, HAS_VOIDS))
+    Some((out, flags))
 }
 
 /// The values of a page of extremes, laid out as a [`HeightPage`] is; nothing beyond its size.
@@ -140,9 +195,8 @@ pub(super) fn decode_extremes(
     flags: u32,
 ) -> Result<Box<[Extremes; PAGE_POSTS]>, String> {
     let cells = (size.0 * size.1) as usize;
-    let width = if element == Element::PairI16 { 2 } else { 4 };
-    let (values, bits) = bytes.split_at(2 * width * cells);
-    let voids = if flags == HAS_VOIDS { Some(decode_voids(bits, cells, size)?) } else { None };
+    let (values, bits) = all_cells(bytes, element, cells, flags);
+    let voids = if flags & HAS_VOIDS != 0 { Some(decode_voids(bits, cells, size)?) } else { None };
     let heights: Vec<i32> = match element {
         Element::PairI16 => values.as_chunks::<2>().0.iter().map(|b| i16::from_le_bytes(*b).into()).collect(),
         _ => values.as_chunks::<4>().0.iter().map(|b| i32::from_le_bytes(*b)).collect(),
@@ -183,6 +237,16 @@ pub(super) struct BoundsPage {
 }
 
 impl BoundsPage {
+    /// A page of `columns` quads a row with three diamonds each.
+    pub(super) fn new(columns: u32, diamonds: Vec<DiamondBounds>) -> Self {
+        Self { columns, diamonds: diamonds.into() }
+    }
+
+    /// Three diamonds a quad, row by row of quads.
+    pub(super) fn diamonds(&self) -> &[DiamondBounds] {
+        &self.diamonds
+    }
+
     /// The bounds of number `n` of the quad at column `u` and row `v` of the page.
     pub(super) fn at(&self, (u, v): (u32, u32), n: usize) -> DiamondBounds {
         debug_assert!(u < self.columns && v < QUAD_SIDE);
@@ -195,25 +259,37 @@ impl BoundsPage {
     }
 }
 
-/// Adds the bytes of one diamond's bounds; those that do not fit into 24 bits are rounded up.
-pub(super) fn encode_bounds(out: &mut Vec<u8>, bounds: DiamondBounds) {
-    for v in [bounds.tight, bounds.nested, bounds.radius_m] {
-        out.extend_from_slice(&(v.to_bits().div_ceil(1 << SHORT_SHIFT)).to_le_bytes()[..3]);
+/// The bytes of a page of bounds and its flags, from three diamonds a quad; those that do not fit into 24 bits are rounded
+/// up. An error when they make no sense.
+pub(super) fn encode_bounds(diamonds: &[DiamondBounds]) -> Result<(Vec<u8>, u32), String> {
+    let mut out = vec![0; SHORT_BYTES * diamonds.len()];
+    for (slot, bounds) in out.as_chunks_mut::<SHORT_BYTES>().0.iter_mut().zip(diamonds) {
+        check_bounds(bounds)?;
+        let [tight, nested, radius] = [bounds.tight, bounds.nested, bounds.radius_m]
+            .map(|v| v.to_bits().div_ceil(1 << SHORT_SHIFT).to_le_bytes());
+        *slot = [tight[0], tight[1], tight[2], nested[0], nested[1], nested[2], radius[0], radius[1], radius[2]];
     }
+    Ok(shorten(out, SHORT_BYTES * QUAD_DIAMONDS))
 }
 
 /// Bits that a short bound lacks at the low end.
 const SHORT_SHIFT: u32 = 7;
 
 /// What is wrong with `bounds`, if anything. Infinite ones are sound: nothing less is sure.
-pub(super) fn check_bounds(bounds: &DiamondBounds) -> Result<(), String> {
+fn check_bounds(bounds: &DiamondBounds) -> Result<(), String> {
     let DiamondBounds { tight, nested, radius_m } = *bounds;
     let sane = tight >= 0.0 && nested >= tight && radius_m >= 0.0;
     if sane { Ok(()) } else { Err(format!("bounds of {tight}, {nested}, {radius_m} make no sense")) }
 }
 
 /// The page of bounds in `bytes`, which are as many as [`page_bytes`] says.
-pub(super) fn decode_bounds(bytes: &[u8], element: Element, size: (u32, u32)) -> Result<BoundsPage, String> {
+pub(super) fn decode_bounds(
+    bytes: &[u8],
+    element: Element,
+    size: (u32, u32),
+    flags: u32,
+) -> Result<BoundsPage, String> {
+    let (bytes, _) = all_cells(bytes, element, (size.0 * size.1) as usize, flags);
     let values: Vec<f32> = match element {
         Element::ShortBounds => {
             let (values, _) = bytes.as_chunks::<3>();
@@ -231,5 +307,5 @@ pub(super) fn decode_bounds(bytes: &[u8], element: Element, size: (u32, u32)) ->
         check_bounds(&bounds)?;
         diamonds.push(bounds);
     }
-    Ok(BoundsPage { columns: size.0, diamonds: diamonds.into() })
+    Ok(BoundsPage::new(size.0, diamonds))
 }

@@ -4,7 +4,10 @@ use std::{
     fs::File,
     io,
     path::Path,
-    sync::{Arc, OnceLock},
+    sync::{
+        Arc, OnceLock,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use sightline_proto::diamond::Post;
@@ -12,10 +15,10 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::{
     cache::Cache,
-    directory::{self, BLOCK_ENTRIES, Entry},
+    directory::{self, BLOCK_ENTRIES, Entry, IS_CONSTANT},
     envelope,
     error::OpenError,
-    format::{self, Element, HEADER_BYTES, Kind, SECTION_BYTES, Section},
+    format::{self, Element, HEADER_BYTES, Header, Kind, SECTION_BYTES, Section},
     layout::{BoundsPlace, Paging, stored_levels},
     manifest::{MANIFEST_LIMIT, Manifest, Provenance, TerrainManifest},
     pages::{self, BoundsPage},
@@ -54,9 +57,30 @@ pub struct SectionInfo {
     pub pages: u64,
 }
 
+/// What was read of a file.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Reads {
+    /// Pages of heights, bounds and extremes.
+    pub pages: u64,
+    /// Blocks of directories.
+    pub directory_blocks: u64,
+    /// Bytes of these pages and blocks.
+    pub bytes: u64,
+}
+
+/// The same, counted by all readers.
+#[derive(Default)]
+struct Counts {
+    pages: AtomicU64,
+    directory_blocks: AtomicU64,
+    bytes: AtomicU64,
+}
+
 /// An open terrain database. Shared by threads; everything that reads it is `&self`.
 pub struct Database {
     pub(super) source: Box<dyn PageSource>,
+    /// The version of its format.
+    format: u32,
     pub(super) file_bytes: u64,
     pub(super) sections: Vec<Section>,
     pub(super) manifest: Manifest,
@@ -69,6 +93,7 @@ pub struct Database {
     /// The pages of heights read so far, row by row from the south, where all of them may be kept.
     kept: Option<Box<[OnceLock<Arc<HeightPage>>]>>,
     cache: Cache<Cached>,
+    reads: Counts,
 }
 
 #[derive(Clone)]
@@ -131,7 +156,7 @@ impl Database {
         source.read_exact_at(&mut head, 0)?;
         let header = format::decode_header(&head)?;
         let table_bytes = header.sections as usize * SECTION_BYTES;
-        let table = read(&*source, "table of sections", HEADER_BYTES as u64, table_bytes)?;
+        let table = read(&*source, || "table of sections".into(), HEADER_BYTES as u64, table_bytes)?;
         let sections = format::decode_table(&header, &table)?;
         let manifest = read_manifest(&*source, &sections)?;
         let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
@@ -143,8 +168,21 @@ impl Database {
         let keeps_all = bytes <= options.cache_bytes / 2;
         let kept = keeps_all.then(|| (0..pages_of_heights).map(|_| OnceLock::new()).collect());
         let cache = Cache::new(options.cache_bytes - if keeps_all { bytes } else { 0 });
-        let file_bytes = header.file_bytes;
-        Ok(Self { source, file_bytes, sections, manifest, grid, heights, lattices, extremes, kept, cache })
+        let Header { version: format, file_bytes, .. } = header;
+        Ok(Self {
+            source,
+            format,
+            file_bytes,
+            sections,
+            manifest,
+            grid,
+            heights,
+            lattices,
+            extremes,
+            kept,
+            cache,
+            reads: Counts::default(),
+        })
     }
 
     /// The extent of the grid.
@@ -192,6 +230,18 @@ impl Database {
         self.file_bytes
     }
 
+    /// What was read since it was opened.
+    pub fn reads(&self) -> Reads {
+        let [pages, directory_blocks, bytes] = [&self.reads.pages, &self.reads.directory_blocks, &self.reads.bytes]
+            .map(|count| count.load(Ordering::Relaxed));
+        Reads { pages, directory_blocks, bytes }
+    }
+
+    fn count(&self, what: &AtomicU64, bytes: usize) {
+        what.fetch_add(1, Ordering::Relaxed);
+        self.reads.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
     /// The sections in the order of the file.
     pub fn sections(&self) -> Vec<SectionInfo> {
         let info = |s: &Section| SectionInfo { name: s.name(), bytes: s.length, pages: s.pages };
@@ -228,8 +278,8 @@ impl Database {
             return Ok(page);
         }
         let paging = Paging::of_lattice(self.sections[section].columns, self.sections[section].rows);
-        let (bytes, _) = self.page_bytes(section, &paging, paging.number(id))?;
-        let page = pages::decode_bounds(&bytes, self.sections[section].element, paging.size(id))
+        let (bytes, entry) = self.page_bytes(section, &paging, paging.number(id))?;
+        let page = pages::decode_bounds(&bytes, self.sections[section].element, paging.size(id), entry.flags)
             .map_err(|e| self.damaged(section, id, e))?;
         let page = Arc::new(page);
         self.cache.insert(key, Cached::Bounds(Arc::clone(&page)), page.weight());
@@ -246,11 +296,12 @@ impl Database {
         if entry.offset < s.offset || end.is_none_or(|end| end > s.offset + s.length) {
             return Err(self.damaged(section, id, "its directory entry points outside the section"));
         }
-        if pages::page_bytes(s.element, paging.size(id), entry.flags) != Some(length) {
+        let unknown = if self.format == 1 { entry.flags & IS_CONSTANT } else { 0 };
+        if unknown != 0 || pages::page_bytes(s.element, paging.size(id), entry.flags) != Some(length) {
             return Err(self.damaged(section, id, "its directory entry states another length than the page has"));
         }
-        let what = page_name(s, id);
-        let bytes = read(&*self.source, &what, entry.offset, length)?;
+        let bytes = read(&*self.source, || page_name(s, id), entry.offset, length)?;
+        self.count(&self.reads.pages, length);
         if xxh3_64(&bytes) != entry.checksum {
             return Err(self.damaged(section, id, "its checksum does not fit its bytes"));
         }
@@ -265,10 +316,11 @@ impl Database {
         }
         let s = &self.sections[section];
         let (at, length) = directory::block_span(s.pages, n);
-        let what = format!("block {n} of the directory of {}", s.name());
-        let bytes = read(&*self.source, &what, s.offset + at, length)?;
+        let what = || format!("block {n} of the directory of {}", s.name());
+        let bytes = read(&*self.source, what, s.offset + at, length)?;
+        self.count(&self.reads.directory_blocks, length);
         let Some(block) = directory::decode_block(n, &bytes) else {
-            return Err(ReadError::Damaged { what, detail: "its checksum does not fit its bytes".into() });
+            return Err(ReadError::Damaged { what: what(), detail: "its checksum does not fit its bytes".into() });
         };
         let block: Arc<[Entry]> = block.into();
         self.cache.insert(key, Cached::Directory(Arc::clone(&block)), length);
@@ -362,14 +414,14 @@ fn page_name(section: &Section, id: PageId) -> String {
 }
 
 /// Reads `length` bytes, which the caller has bounded by a constant or by the length of the file.
-fn read(source: &dyn PageSource, what: &str, offset: u64, length: usize) -> Result<Vec<u8>, ReadError> {
+fn read(source: &dyn PageSource, what: impl Fn() -> String, offset: u64, length: usize) -> Result<Vec<u8>, ReadError> {
     let mut bytes = vec![0; length];
     match source.read_exact_at(&mut bytes, offset) {
         Ok(()) => Ok(bytes),
         Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {
-            Err(ReadError::Damaged { what: what.into(), detail: "the file ends before it does".into() })
+            Err(ReadError::Damaged { what: what(), detail: "the file ends before it does".into() })
         }
-        Err(error) => Err(ReadError::Io { what: what.into(), detail: error.to_string() }),
+        Err(error) => Err(ReadError::Io { what: what(), detail: error.to_string() }),
     }
 }
 
@@ -395,7 +447,7 @@ fn read_manifest(source: &dyn PageSource, sections: &[Section]) -> Result<Manife
     if length > MANIFEST_LIMIT {
         return Err(OpenError::damaged("manifest", format!("it is longer than {MANIFEST_LIMIT} bytes")));
     }
-    let bytes = read(source, "manifest", section.offset, length)?;
+    let bytes = read(source, || "manifest".into(), section.offset, length)?;
     envelope::open::<Manifest, MANIFEST_LIMIT>(&bytes).map_err(|e| match e {
         envelope::EnvelopeError::Version { .. } => OpenError::Unsupported(format!("a newer manifest ({e})")),
         e => OpenError::damaged("manifest", e.to_string()),

@@ -52,6 +52,19 @@ impl PageSource for FileSource {
 }
 
 impl FileSource {
+    /// Writes all of `bytes` from `offset` on, to a file that was opened for it.
+    pub(super) fn write_all_at(&self, bytes: &[u8], offset: u64) -> io::Result<()> {
+        #[cfg(unix)]
+        return std::os::unix::fs::FileExt::write_all_at(&self.0, bytes, offset);
+        #[cfg(not(unix))]
+        {
+            use std::io::{Seek, SeekFrom, Write};
+            let mut file = self.lock();
+            file.seek(SeekFrom::Start(offset))?;
+            file.write_all(bytes)
+        }
+    }
+
     /// A source that reads `file`.
     pub(super) fn new(file: File) -> Self {
         #[cfg(unix)]

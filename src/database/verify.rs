@@ -73,7 +73,8 @@ pub(super) fn verify_source(
         found.pages += section.pages;
         found.good_pages += seen.checksums.len() as u64;
         if is_hashed(section) {
-            hash_section(&mut hash, section, seen.checksums.iter().copied());
+            hash_section(&mut hash, section);
+            seen.checksums.iter().for_each(|checksum| hash.update(&checksum.to_le_bytes()));
         }
         found.damage.extend(seen.damage);
         heights = heights.or((section.kind == Kind::Heights).then_some((seen.range, seen.void_posts)));
@@ -155,7 +156,7 @@ fn check_page(database: &Database, section: usize, paging: &Paging, n: u64) -> R
     };
     let s = &database.sections[section];
     if s.kind == Kind::Bounds {
-        pages::decode_bounds(&bytes, s.element, size).map_err(damaged)?;
+        pages::decode_bounds(&bytes, s.element, size, entry.flags).map_err(damaged)?;
         return Ok(seen);
     }
     if s.kind == Kind::Extremes {

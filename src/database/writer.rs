@@ -1,7 +1,7 @@
 //! Writes a database beside its place and renames it into place: a crash leaves what was there before, or nothing.
 //!
-//! The sizes of all sections but the heights' follow from the grid, and the heights' from a first pass over the pages
-//! that finds the range and the voids. So pages are written once, in the order of the file, and the front matter last.
+//! When all pages are made (`draft`), the sizes of all sections are known. So pages are written once, in the order of the
+//! file, a block of a directory's at a time, and the front matter last.
 
 use std::{
     fs::{self, File},
@@ -9,23 +9,24 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use rayon::prelude::*;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::{
-    directory::{self, Entry},
+    budget::{Budget, DEFAULT_MEMORY_BYTES},
+    directory::{self, BLOCK_ENTRIES, Entry},
+    draft::{Draft, Heights, Measured},
     envelope,
     error::WriteError,
     format::{self, Element, Kind, REQUIRED, Section},
-    layout::{Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post, stored_levels},
+    layout::{Paging, stored_levels},
     manifest::{MANIFEST_LIMIT, Manifest, Provenance, TerrainManifest},
     pages,
+    scratch::Scratch,
 };
 use crate::{
-    terrain::{
-        Georeference, Grid, HeightField, HeightPage, PAGE_SIDE, PageId, SceneScale,
-        extremes::{self, Extremes, Values},
-    },
-    wedgie::{BoundsPyramid, DiamondBounds, Lattice},
+    terrain::{Georeference, Grid, HeightField, PAGE_POSTS, PAGE_SIDE, PageId, SceneScale, extremes},
+    wedgie::LatticeSize,
 };
 
 /// What is said of a terrain besides its heights.
@@ -50,17 +51,61 @@ pub struct Written {
 
 /// Writes `field`, whose heights must be 32-bit integers, and its bounds as a database at `path`.
 ///
-/// `progress` is told the number of posts written so far. An existing file is replaced only if `replace` says so, and
+/// `progress` is told the share of posts that is written. An existing file is replaced only if `replace` says so, and
 /// only once the new one is complete and on the disk.
 pub fn write(
     path: &Path,
     replace: bool,
     field: &impl HeightField,
-    bounds: &BoundsPyramid,
     description: &Description,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Written, WriteError> {
-    publish(path, replace, |file| Content::survey(field, bounds, description)?.write(file, path, progress))
+    refuse_existing(path, replace)?;
+    let budget = budget(DEFAULT_MEMORY_BYTES, field.grid())?;
+    let scratch = Scratch::beside(path, budget.cache_bytes)?;
+    let draft = Draft::complete(&scratch, heights_of(field, &scratch)?, description.scale, budget, &|_| ())?;
+    publish(path, replace, |file| Content::plan(&draft, description)?.write(file, path, progress))
+}
+
+/// Shares of memory for a grid and the threads of this pool.
+pub(super) fn budget(memory_bytes: usize, grid: Grid) -> Result<Budget, WriteError> {
+    Budget::new(memory_bytes, grid, rayon::current_num_threads()).map_err(|needed| WriteError::Memory {
+        needed,
+        given: memory_bytes,
+        nx: grid.nx(),
+        ny: grid.ny(),
+    })
+}
+
+/// The heights of `field`, whose void posts are filled, as pages.
+pub(super) fn heights_of<'a>(field: &impl HeightField, scratch: &'a Scratch) -> Result<Heights<'a>, WriteError> {
+    let grid = field.grid();
+    let mut heights = Heights::new(scratch, grid);
+    for pj in 0..grid.pages().1 {
+        heights.push_row(pj, |id| measured(field, id))?;
+    }
+    Ok(heights)
+}
+
+fn measured(field: &impl HeightField, id: PageId) -> Result<Measured, WriteError> {
+    let (page, (w, h)) = (field.page(id)?, field.grid().page_size(id));
+    let (mut heights, mut voids, mut known) = (vec![0; PAGE_POSTS], [0; PAGE_POSTS / 64], None);
+    for (j, i) in (0..h).flat_map(|j| (0..w).map(move |i| (j, i))) {
+        let post = page.at(i, j);
+        let z = pages::exact_i32(post.z).ok_or_else(|| WriteError::Height {
+            i: id.pi * PAGE_SIDE + i,
+            j: id.pj * PAGE_SIDE + j,
+            z: post.z,
+        })?;
+        heights[(j * PAGE_SIDE + i) as usize] = z;
+        if post.void {
+            voids[j as usize] |= 1 << i;
+        } else {
+            let (lowest, highest) = known.unwrap_or((z, z));
+            known = Some((z.min(lowest), z.max(highest)));
+        }
+    }
+    Ok(Measured::new(&heights, &voids, known))
 }
 
 /// Where a writer puts bytes: a file, or in tests one that fails.
@@ -131,43 +176,25 @@ impl Drop for Partial {
 }
 
 /// Everything that is about to be written, with the plan of the file.
-pub(super) struct Content<'a, H> {
-    field: &'a H,
-    bounds: &'a BoundsPyramid,
+pub(super) struct Content<'a> {
+    draft: &'a Draft<'a>,
     manifest: Manifest,
-    /// Extremes of blocks by level from 1.
-    levels: Vec<Values>,
     sections: Vec<Section>,
     file_bytes: u64,
 }
 
-/// What the first pass finds.
-struct Survey {
-    /// Range of known heights, and of drawn ones.
-    known: Option<(i32, i32)>,
-    drawn: (i32, i32),
-    void_posts: u64,
-    /// Bytes of all bitmaps of voids.
-    bitmap_bytes: u64,
+/// A page as it is written.
+struct Page {
+    bytes: Vec<u8>,
+    flags: u32,
+    checksum: u64,
 }
 
-impl Survey {
-    fn element(&self) -> Element {
-        let small = i16::try_from(self.drawn.0).is_ok() && i16::try_from(self.drawn.1).is_ok();
-        if small { Element::I16 } else { Element::I32 }
-    }
-}
-
-impl<'a, H: HeightField> Content<'a, H> {
-    /// Reads `field` once and plans the file.
-    pub(super) fn survey(
-        field: &'a H,
-        bounds: &'a BoundsPyramid,
-        description: &Description,
-    ) -> Result<Self, WriteError> {
-        let grid = field.grid();
-        let survey = survey(field)?;
-        let (lowest, highest) = survey.known.ok_or(WriteError::AllVoid { posts: grid.posts() })?;
+impl<'a> Content<'a> {
+    /// Plans the file.
+    pub(super) fn plan(draft: &'a Draft<'a>, description: &Description) -> Result<Self, WriteError> {
+        let (heights, grid) = (&draft.heights, draft.heights.grid());
+        let (lowest, highest) = heights.known.ok_or(WriteError::AllVoid { posts: grid.posts() })?;
         let terrain = TerrainManifest {
             nx: grid.nx(),
             ny: grid.ny(),
@@ -175,29 +202,27 @@ impl<'a, H: HeightField> Content<'a, H> {
             georeference: description.georeference,
             lowest,
             highest,
-            void_posts: survey.void_posts,
+            void_posts: heights.void_posts,
         };
         terrain.check().map_err(WriteError::Description)?;
         let manifest = Manifest { terrain, provenance: description.provenance.clone(), version: [0; 16] };
-        let levels = bounds.lattices().iter().map(Lattice::k);
-        if !levels.eq(stored_levels(grid.root().exponent())) {
-            return Err(WriteError::Description("the bounds are not those of this grid".into()));
-        }
-        let lattices: Vec<_> = bounds.lattices().iter().map(|lattice| (lattice.columns(), lattice.rows())).collect();
         let manifest_bytes = envelope::seal(&manifest)?.len();
         if manifest_bytes > MANIFEST_LIMIT {
             let words =
                 format!("the manifest has {manifest_bytes} bytes, more than {MANIFEST_LIMIT}: name fewer sources");
             return Err(WriteError::Description(words));
         }
-        let levels = extremes::extremes_of(grid, |id| field.page(id))?;
-        let bitmaps: Vec<_> = (1..).zip(&levels).map(|(level, values)| bitmap_bytes(grid, level, values)).collect();
+        debug_assert_eq!(draft.lattices.shelves.len(), stored_levels(grid.root().exponent()).len());
+        let element = heights.element();
+        let lattices: Vec<_> =
+            draft.lattices.shelves.iter().map(|(size, shelf)| (*size, shelf.stored_bytes())).collect();
+        let extremes: Vec<_> = draft.extremes.iter().map(|shelf| shelf.stored_bytes()).collect();
         let (sections, file_bytes) =
-            plan(manifest_bytes as u64, grid, survey.element(), survey.bitmap_bytes, &lattices, &bitmaps);
-        Ok(Self { field, bounds, manifest, levels, sections, file_bytes })
+            plan(manifest_bytes as u64, grid, element, heights.bytes(element), &lattices, &extremes);
+        Ok(Self { draft, manifest, sections, file_bytes })
     }
 
-    /// Writes the file: pages, then directories, then the front matter.
+    /// Writes the file: pages with their directories, then the front matter.
     pub(super) fn write(
         &mut self,
         sink: &mut impl Sink,
@@ -207,17 +232,33 @@ impl<'a, H: HeightField> Content<'a, H> {
         let io_error = |error| WriteError::Io { path: path.into(), error };
         let mut hash = Xxh3::new();
         hash.update(&self.manifest.terrain.hashed_bytes()?);
-        let mut posts = 0;
         for section in &self.sections {
             let Some(paging) = Paging::of_section(section) else { continue };
-            let entries = self.write_pages(section, &paging, sink, path, &mut |cells| {
-                posts += if section.kind == Kind::Heights { cells } else { 0 };
-                progress(posts);
-            })?;
-            sink.write_at(section.offset, &directory::encode(&entries)).map_err(io_error)?;
-            if is_hashed(section) {
-                hash_section(&mut hash, section, entries.iter().map(|e| e.checksum));
+            let is_hashed = is_hashed(section);
+            if is_hashed {
+                hash_section(&mut hash, section);
             }
+            let mut offset = section.offset + directory::bytes(section.pages).unwrap_or(0);
+            for block in 0..directory::blocks(section.pages) {
+                let pages = block * BLOCK_ENTRIES..((block + 1) * BLOCK_ENTRIES).min(section.pages);
+                let pages: Result<Vec<_>, _> =
+                    pages.into_par_iter().map(|n| self.page(section, paging.id(n))).collect();
+                let (mut entries, mut bytes) = (Vec::new(), Vec::new());
+                for Page { bytes: of_page, flags, checksum } in pages? {
+                    let (offset, length) = (offset + bytes.len() as u64, of_page.len() as u32);
+                    entries.push(Entry { offset, checksum, length, flags });
+                    bytes.extend_from_slice(&of_page);
+                    if is_hashed {
+                        hash.update(&checksum.to_le_bytes());
+                    }
+                }
+                sink.write_at(offset, &bytes).map_err(io_error)?;
+                offset += bytes.len() as u64;
+                let at = section.offset + directory::block_span(section.pages, block).0;
+                sink.write_at(at, &directory::encode_block(block, &entries)).map_err(io_error)?;
+                progress((self.draft.heights.grid().posts() as f64 * (offset as f64 / self.file_bytes as f64)) as u64);
+            }
+            debug_assert_eq!(offset, section.offset + section.length);
         }
         self.manifest.version = hash.digest128().to_be_bytes();
         let manifest = envelope::seal(&self.manifest)?;
@@ -226,85 +267,33 @@ impl<'a, H: HeightField> Content<'a, H> {
         Ok(Written { version: self.manifest.version, file_bytes: self.file_bytes })
     }
 
-    fn write_pages(
-        &self,
-        section: &Section,
-        paging: &Paging,
-        sink: &mut impl Sink,
-        path: &Path,
-        progress: &mut dyn FnMut(u64),
-    ) -> Result<Vec<Entry>, WriteError> {
-        let mut offset = section.offset + directory::bytes(section.pages).unwrap_or(0);
-        let mut entries = Vec::new();
-        for n in 0..section.pages {
-            let (bytes, flags) = self.encode(section, paging, paging.id(n))?;
-            sink.write_at(offset, &bytes).map_err(|error| WriteError::Io { path: path.into(), error })?;
-            entries.push(Entry { offset, checksum: xxh3_64(&bytes), length: bytes.len() as u32, flags });
-            offset += bytes.len() as u64;
-            let (w, h) = paging.size(paging.id(n));
-            progress(u64::from(w * h));
-        }
-        debug_assert_eq!(offset, section.offset + section.length);
-        Ok(entries)
-    }
-
-    fn encode(&self, section: &Section, paging: &Paging, id: PageId) -> Result<(Vec<u8>, u32), WriteError> {
-        let size = paging.size(id);
-        let changed = || WriteError::Description("the terrain changed while it was written".into());
-        if section.kind == Kind::Heights {
-            let page = self.field.page(id)?;
-            return pages::encode_heights(&page, section.element, size).ok_or_else(changed);
-        }
-        if section.kind == Kind::Extremes {
-            let values = &self.levels[section.level as usize - 1];
-            let of_page: Vec<_> = extremes::of_page(values, section.columns, id).copied().collect();
-            return pages::encode_extremes(&of_page, section.element).ok_or_else(changed);
-        }
-        let mut out = Vec::new();
-        let lattice = &self.bounds.lattices()[section.level as usize - 1];
-        for (v, u) in (0..size.1).flat_map(|v| (0..size.0).map(move |u| (v, u))) {
-            for n in 0..QUAD_DIAMONDS {
-                let (a, b) = quad_post(id.pi * QUAD_SIDE + u, id.pj * QUAD_SIDE + v, n);
-                let inside = a < section.columns && b < section.rows;
-                let bounds = if inside {
-                    lattice.bounds()[(b as usize) * section.columns as usize + a as usize]
-                } else {
-                    DiamondBounds::default()
-                };
-                pages::check_bounds(&bounds).map_err(WriteError::Description)?;
-                pages::encode_bounds(&mut out, bounds);
+    fn page(&self, section: &Section, id: PageId) -> Result<Page, WriteError> {
+        let level = (section.level as usize).saturating_sub(1);
+        let shelf = match section.kind {
+            Kind::Bounds => &self.draft.lattices.shelves[level].1,
+            Kind::Extremes => &self.draft.extremes[level],
+            _ => {
+                let (bytes, flags) = self.draft.heights.encoded(id, section.element)?;
+                return Ok(Page { checksum: xxh3_64(&bytes), bytes, flags });
             }
-        }
-        Ok((out, 0))
+        };
+        let entry = shelf.entry(id);
+        Ok(Page { bytes: shelf.bytes(id)?, flags: entry.flags, checksum: entry.checksum })
     }
 }
 
-/// Bytes of all bitmaps of voids of a level of extremes.
-fn bitmap_bytes(grid: Grid, level: u32, values: &[Extremes]) -> u64 {
-    let (columns, rows) = extremes::extent(grid, level);
-    let paging = Paging::of_heights(columns, rows);
-    let with_voids = |&n: &u64| extremes::of_page(values, columns, paging.id(n)).any(|value| value.void);
-    let bytes = |n: u64| {
-        let (w, h) = paging.size(paging.id(n));
-        u64::from(w * h).div_ceil(8)
-    };
-    (0..paging.pages()).filter(with_voids).map(bytes).sum()
-}
-
-/// The sections of a file and its length, from what their sizes depend on: of `lattices` those from k = 1 on; of the
-/// extremes by level the bytes of bitmaps.
+/// The sections of a file and its length, from the bytes of the pages of each: of the heights, of `lattices` from k = 1
+/// on, of the extremes by level.
 pub(super) fn plan(
     manifest_bytes: u64,
     grid: Grid,
     element: Element,
-    bitmap_bytes: u64,
-    lattices: &[(u32, u32)],
+    height_bytes: u64,
+    lattices: &[(LatticeSize, u64)],
     extremes: &[u64],
 ) -> (Vec<Section>, u64) {
     let (flags, offset) = (REQUIRED, 0);
     let (columns, rows) = (grid.nx(), grid.ny());
-    let width = if element == Element::I16 { 2 } else { 4 };
-    let length = width * grid.posts() + bitmap_bytes;
     let manifest = Section {
         kind: Kind::Manifest,
         flags,
@@ -316,17 +305,14 @@ pub(super) fn plan(
         offset,
         length: manifest_bytes,
     };
-    let heights = Section { kind: Kind::Heights, element, columns, rows, length, ..manifest };
+    let heights = Section { kind: Kind::Heights, element, columns, rows, length: height_bytes, ..manifest };
     let mut sections = vec![manifest, heights];
-    for (level, &(columns, rows)) in (1..).zip(lattices) {
-        let quads = u64::from(columns.div_ceil(2)) * u64::from(rows.div_ceil(2));
-        let length = quads * (QUAD_DIAMONDS * pages::SHORT_BYTES) as u64;
-        let (kind, element) = (Kind::Bounds, Element::ShortBounds);
+    for &(LatticeSize { k, columns, rows }, length) in lattices {
+        let (kind, element, level) = (Kind::Bounds, Element::ShortBounds, k.into());
         sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
     }
-    for (level, &bitmaps) in (1..).zip(extremes) {
+    for (level, &length) in (1..).zip(extremes) {
         let (columns, rows) = extremes::extent(grid, level);
-        let length = 2 * width * u64::from(columns) * u64::from(rows) + bitmaps;
         let element = if element == Element::I16 { Element::PairI16 } else { Element::PairI32 };
         sections.push(Section { kind: Kind::Extremes, flags: 0, element, level, columns, rows, length, ..manifest });
     }
@@ -345,49 +331,10 @@ pub(super) fn is_hashed(section: &Section) -> bool {
     matches!(section.kind, Kind::Heights | Kind::Bounds)
 }
 
-/// Adds a section and the checksums of its pages to the hash that is the terrain version.
-pub(super) fn hash_section(hash: &mut Xxh3, section: &Section, checksums: impl Iterator<Item = u64>) {
+/// Adds a section to the hash that is the terrain version; the checksums of its pages follow.
+pub(super) fn hash_section(hash: &mut Xxh3, section: &Section) {
     let words = [section.kind.number(), section.level, section.element.number(), section.columns, section.rows];
     for word in words {
         hash.update(&word.to_le_bytes());
     }
-    for checksum in checksums {
-        hash.update(&checksum.to_le_bytes());
-    }
-}
-
-fn survey(field: &impl HeightField) -> Result<Survey, WriteError> {
-    let grid = field.grid();
-    let paging = Paging::of_heights(grid.nx(), grid.ny());
-    let mut all = Survey { known: None, drawn: (i32::MAX, i32::MIN), void_posts: 0, bitmap_bytes: 0 };
-    for n in 0..paging.pages() {
-        let id = paging.id(n);
-        let (w, h) = paging.size(id);
-        let page = field.page(id)?;
-        let voids = survey_page(&page, id, (w, h), &mut all)?;
-        all.void_posts += voids;
-        all.bitmap_bytes += if voids > 0 { u64::from(w * h).div_ceil(8) } else { 0 };
-    }
-    Ok(all)
-}
-
-/// Widens the ranges of `all` by a page; the number of its voids.
-fn survey_page(page: &HeightPage, id: PageId, (w, h): (u32, u32), all: &mut Survey) -> Result<u64, WriteError> {
-    let mut voids = 0;
-    for (j, i) in (0..h).flat_map(|j| (0..w).map(move |i| (j, i))) {
-        let post = page.at(i, j);
-        let z = pages::exact_i32(post.z).ok_or_else(|| WriteError::Height {
-            i: id.pi * PAGE_SIDE + i,
-            j: id.pj * PAGE_SIDE + j,
-            z: post.z,
-        })?;
-        all.drawn = (all.drawn.0.min(z), all.drawn.1.max(z));
-        if post.void {
-            voids += 1;
-        } else {
-            let (lowest, highest) = all.known.unwrap_or((z, z));
-            all.known = Some((lowest.min(z), highest.max(z)));
-        }
-    }
-    Ok(voids)
 }

@@ -5,11 +5,13 @@
 //! north, 72 degrees west). Posts on the border are shared with the neighbours. -32768 is void.
 //!
 //! A raw tile is read row by row from the file. A packed one is unpacked whole when its first row is wanted: at most
-//! 25 MiB, and never more than the two sizes that a tile can have, whatever the archive says.
+//! 25 MiB, and never more than the two sizes that a tile can have, whatever the archive says. Where many are wanted at
+//! once they are unpacked into nameless files in the folder for temporary ones.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use flate2::read::GzDecoder;
 use zip::ZipArchive;
@@ -93,6 +95,8 @@ pub(super) struct Tile {
     pub(super) corner: Corner,
     /// Posts along a side.
     pub(super) side: u32,
+    /// Whether it is unpacked into a file.
+    pub(super) is_one_of_many: bool,
     held: Held,
     row: Vec<u8>,
 }
@@ -125,7 +129,15 @@ impl Tile {
             let detail = "its name does not say where it lies; name it after its south-west corner, as in N44W072.hgt";
             DemError::malformed(path, FORMAT, detail)
         })?;
-        Ok(Self { path: path.to_owned(), packing, corner, side, held: Held::Nothing, row: Vec::new() })
+        Ok(Self {
+            path: path.to_owned(),
+            packing,
+            corner,
+            side,
+            held: Held::Nothing,
+            row: Vec::new(),
+            is_one_of_many: false,
+        })
     }
 
     /// The file.
@@ -172,8 +184,35 @@ impl Tile {
         }
     }
 
+    /// Unpacks exactly one tile into a file.
+    fn unpack_to_file(&self, mut stream: impl Read) -> Result<Held, DemError> {
+        let bad = |e: std::io::Error| DemError::malformed(&self.path, FORMAT, format!("it cannot be unpacked: {e}"));
+        let mut file = nameless().map_err(|e| DemError::io(&std::env::temp_dir(), &e))?;
+        let want = u64::from(self.side) * u64::from(self.side) * 2;
+        let copied = std::io::copy(&mut stream.by_ref().take(want), &mut file).map_err(bad)?;
+        if copied < want {
+            return Err(wrong_size(&self.path, copied));
+        }
+        self.expect_end(stream)?;
+        Ok(Held::File(file))
+    }
+
+    /// Reading on to the end makes the unpacker check its sum.
+    fn expect_end(&self, mut stream: impl Read) -> Result<(), DemError> {
+        let bad = |e: std::io::Error| DemError::malformed(&self.path, FORMAT, format!("it cannot be unpacked: {e}"));
+        if stream.read(&mut [0]).map_err(bad)? != 0 {
+            let want = u64::from(self.side) * u64::from(self.side) * 2;
+            let detail = format!("it unpacks to more than the {want} bytes that it declares; fetch it again");
+            return Err(DemError::malformed(&self.path, FORMAT, detail));
+        }
+        Ok(())
+    }
+
     /// Unpacks exactly one tile, in two steps, so that a lying archive costs no more than it really holds.
     fn unpack(&self, mut stream: impl Read) -> Result<Held, DemError> {
+        if self.is_one_of_many {
+            return self.unpack_to_file(stream);
+        }
         let bad = |e: std::io::Error| DemError::malformed(&self.path, FORMAT, format!("it cannot be unpacked: {e}"));
         let want = self.side as usize * self.side as usize * 2;
         let mut bytes = Vec::new();
@@ -185,13 +224,19 @@ impl Tile {
                 return Err(wrong_size(&self.path, bytes.len() as u64));
             }
         }
-        // Reading on to the end makes the unpacker check its sum.
-        if stream.read(&mut [0]).map_err(bad)? != 0 {
-            let detail = format!("it unpacks to more than the {want} bytes that it declares; fetch it again");
-            return Err(DemError::malformed(&self.path, FORMAT, detail));
-        }
+        self.expect_end(stream)?;
         Ok(Held::Bytes(bytes))
     }
+}
+
+/// A file that is gone when it is closed.
+fn nameless() -> std::io::Result<File> {
+    static MADE: AtomicU32 = AtomicU32::new(0);
+    let number = MADE.fetch_add(1, Ordering::Relaxed);
+    let path = std::env::temp_dir().join(format!("sightline-{}-{number}.hgt", std::process::id()));
+    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
 }
 
 fn wrong_size(path: &Path, bytes: u64) -> DemError {
@@ -285,5 +330,34 @@ mod tests {
             assert_eq!(corner(name), None, "{name}");
         }
         assert_eq!(Corner { lat: -3, lon: 7 }.to_string(), "S03E007");
+    }
+
+    #[test]
+    fn a_tile_unpacked_into_a_file_is_the_same_tile() {
+        use std::io::Write;
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("N44W072.hgt.gz");
+        let pack = |bytes: &[u8]| {
+            let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+            encoder.write_all(bytes).unwrap();
+            std::fs::write(&path, encoder.finish().unwrap()).unwrap();
+        };
+        let samples: Vec<u8> = (0..1201 * 1201_u32).flat_map(|n| ((n % 1709) as i16).to_be_bytes()).collect();
+        pack(&samples);
+        let tile = |is_one_of_many| Tile { is_one_of_many, ..Tile::look(&path, Packing::Gzip).unwrap() };
+        let [mut whole, mut in_file] = [false, true].map(tile);
+        for j in [0, 1, 600, 1200] {
+            assert_eq!(in_file.row(j).unwrap(), whole.row(j).unwrap(), "row {j}");
+        }
+        assert!(matches!((&whole.held, &in_file.held), (Held::Bytes(_), Held::File(_))));
+        // Its end says that it is a tile, and it is not.
+        for bytes in [&samples[..1000], &[&samples[..], &[0; 8]].concat()] {
+            pack(bytes);
+            let mut lying = std::fs::read(&path).unwrap();
+            let end = lying.len() - 4;
+            lying[end..].copy_from_slice(&(samples.len() as u32).to_le_bytes());
+            std::fs::write(&path, lying).unwrap();
+            assert!(tile(true).row(0).is_err(), "{} bytes", bytes.len());
+        }
     }
 }

@@ -5,8 +5,8 @@
 //! Tiles that a full rectangle would have but that were not given are void. Tiles on both sides of the 180th meridian do
 //! not adjoin here.
 //!
-//! Kept at hand: the tiles of the row of tiles being read (two rows of tiles at a shared row of posts), and one byte a
-//! post of one row.
+//! Kept at hand: the tiles of the row of tiles being read (two rows of tiles at a shared row of posts), those of rows of
+//! many in files, and one byte a post of one row.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,6 +15,9 @@ use crate::terrain::Georeference;
 
 use super::hgt::{Corner, Packing, Tile, VOID};
 use super::{DemError, OpenOptions, Raster, RasterInfo, SeamReport, crs};
+
+/// Bytes of a row of tiles beyond which packed ones are unpacked into files.
+const MOST_BYTES_AT_HAND: u64 = 64 << 20;
 
 /// What the parts of a mosaic say of one post of the row being read.
 const KNOWN: u8 = 1;
@@ -106,6 +109,9 @@ impl Mosaic {
         let side = tiles[0].side;
         let count = tiles.len() as u32;
         let info = describe(Corner { lat: south, lon: west }, side, [columns, rows], count, options, tiles[0].path())?;
+        let row_bytes = u64::from(columns) * u64::from(side) * u64::from(side) * 2;
+        let is_long = cfg!(unix) && row_bytes > MOST_BYTES_AT_HAND;
+        tiles.iter_mut().for_each(|tile| tile.is_one_of_many = is_long);
         let place = |t: Tile| ((t.corner.lat.abs_diff(south), t.corner.lon.abs_diff(west)), t);
         let mut overlap = Overlap::new(count, info.nx, info.ny);
         overlap.report.missing_tiles = rows * columns - count;

@@ -26,6 +26,8 @@ pub struct Config {
     pub record: String,
     /// Greatest size of the recording in MiB. When it is reached the recording ends, and the server goes on.
     pub record_limit_mib: u32,
+    /// Memory for pages of the database in MiB. What does not fit is read again when it is needed.
+    pub page_cache_mib: u32,
     /// Layout of the log: `text` or `json`.
     pub log: LogLayout,
     /// Certificates.
@@ -77,6 +79,7 @@ impl Default for Config {
             state: String::new(),
             record: String::new(),
             record_limit_mib: 1_024,
+            page_cache_mib: 256,
             log: LogLayout::default(),
             tls: TlsFiles::default(),
             access: AccessFiles::default(),

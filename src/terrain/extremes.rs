@@ -49,7 +49,9 @@ impl Extremes {
     /// Of no posts.
     pub const NOTHING: Self = Self { least: f64::INFINITY, greatest: f64::NEG_INFINITY, void: false };
 
-    fn join(self, other: Self) -> Self {
+    /// Of the posts of both.
+    #[must_use]
+    pub fn join(self, other: Self) -> Self {
         Self {
             least: self.least.min(other.least),
             greatest: self.greatest.max(other.greatest),

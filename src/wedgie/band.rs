@@ -22,31 +22,37 @@ pub(super) struct Band {
     first: u32,
     last: u32,
     z: Vec<f64>,
+    is_level: bool,
 }
 
 impl Band {
     /// Rows `first` to `last` as far as they are in the grid.
-    pub(super) fn load<H: HeightField + ?Sized>(
-        posts: &mut Posts<'_, H>,
-        first: u32,
-        last: u32,
-    ) -> Result<Self, ReadError> {
-        let grid = posts.grid();
+    pub(super) fn load<H: HeightField + ?Sized>(field: &H, first: u32, last: u32) -> Result<Self, ReadError> {
+        let grid = field.grid();
         let (first, last) = (first.min(grid.ny() - 1), last.min(grid.ny() - 1));
         let mut z = Vec::with_capacity(grid.nx() as usize * (last - first + 1) as usize);
-        for j in first..=last {
-            for pi in 0..grid.pages().0 {
-                let page = posts.page(PageId { pi, pj: j / PAGE_SIDE })?;
-                let run = PAGE_SIDE.min(grid.nx() - pi * PAGE_SIDE) as usize;
-                let start = (j % PAGE_SIDE * PAGE_SIDE) as usize;
-                match page.samples() {
-                    Samples::I16(samples) => z.extend(samples[start..start + run].iter().map(|&z| f64::from(z))),
-                    Samples::I32(samples) => z.extend(samples[start..start + run].iter().map(|&z| f64::from(z))),
-                    Samples::F64(samples) => z.extend(&samples[start..start + run]),
+        for pj in first / PAGE_SIDE..=last / PAGE_SIDE {
+            let pages: Result<Vec<_>, _> = (0..grid.pages().0).map(|pi| field.page(PageId { pi, pj })).collect();
+            let pages = pages?;
+            for j in first.max(pj * PAGE_SIDE)..=last.min(pj * PAGE_SIDE + PAGE_SIDE - 1) {
+                for (pi, page) in (0..).zip(&pages) {
+                    let run = PAGE_SIDE.min(grid.nx() - pi * PAGE_SIDE) as usize;
+                    let start = (j % PAGE_SIDE * PAGE_SIDE) as usize;
+                    match page.samples() {
+                        Samples::I16(samples) => z.extend(samples[start..start + run].iter().map(|&z| f64::from(z))),
+                        Samples::I32(samples) => z.extend(samples[start..start + run].iter().map(|&z| f64::from(z))),
+                        Samples::F64(samples) => z.extend(&samples[start..start + run]),
+                    }
                 }
             }
         }
-        Ok(Self { grid, first, last, z })
+        let is_level = z.iter().all(|&height| height == z[0]);
+        Ok(Self { grid, first, last, z, is_level })
+    }
+
+    /// Whether all heights at hand are the same.
+    pub(super) fn is_level(&self) -> bool {
+        self.is_level
     }
 
     pub(super) fn grid(&self) -> Grid {

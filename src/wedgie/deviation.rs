@@ -33,17 +33,29 @@ pub(super) fn arithmetic_is_exact<H: HeightField + ?Sized>(field: &H) -> Result<
         .into_par_iter()
         .map(|n| Ok(exponents(field.page(page(n))?.samples())))
         .try_reduce(|| (i32::MAX, i32::MIN), |a, b| Ok((a.0.min(b.0), a.1.max(b.1))))?;
-    let (low, high) = spans;
-    let exponent = i32::from(field.grid().root().exponent());
-    // Far from the ends of the range of f64, so that nothing under- or overflows.
-    Ok(low > high || (high - low + exponent + 5 <= 53 && low > -900 && high < 900))
+    Ok(spans_are_exact(field.grid(), spans))
 }
+
+/// The same of heights that are integers of 16 bits (`wide` says: of 32).
+pub(super) fn integers_are_exact(grid: Grid, wide: bool) -> bool {
+    spans_are_exact(grid, if wide { I32_EXPONENTS } else { I16_EXPONENTS })
+}
+
+fn spans_are_exact(grid: Grid, (low, high): (i32, i32)) -> bool {
+    let exponent = i32::from(grid.root().exponent());
+    // Far from the ends of the range of f64, so that nothing under- or overflows.
+    low > high || (high - low + exponent + 5 <= 53 && low > -900 && high < 900)
+}
+
+/// Exponents of the lowest and of the highest bit that integers may have.
+const I16_EXPONENTS: (i32, i32) = (0, 15);
+const I32_EXPONENTS: (i32, i32) = (0, 31);
 
 /// Exponents of the lowest and of the highest bit that any sample has; (MAX, MIN) when all are zero.
 fn exponents(samples: &Samples) -> (i32, i32) {
     match samples {
-        Samples::I16(_) => (0, 15),
-        Samples::I32(_) => (0, 31),
+        Samples::I16(_) => I16_EXPONENTS,
+        Samples::I32(_) => I32_EXPONENTS,
         Samples::F64(heights) => heights.iter().filter(|&&z| z != 0.0).fold((i32::MAX, i32::MIN), |(low, high), z| {
             let biased = (z.to_bits() >> 52 & 0x7ff) as i32;
             let mantissa = z.to_bits() & ((1 << 52) - 1);
@@ -89,7 +101,7 @@ pub(super) fn scan(band: &Band, exact: bool, p: Post) -> f32 {
 pub(super) fn search(
     grid: Grid,
     heights: &mut impl Heights,
-    finer: &impl Fn(Post) -> f32,
+    finer: &mut impl FnMut(Post) -> Result<f32, ReadError>,
     exact: bool,
     p: Post,
 ) -> Result<f32, ReadError> {
@@ -205,11 +217,11 @@ fn transposed(z: [&[f64; 5]; 5]) -> [[f64; 5]; 5] {
 struct Search<'a, Z, F> {
     grid: Grid,
     heights: &'a mut Z,
-    finer: &'a F,
+    finer: &'a mut F,
     found: Found,
 }
 
-impl<Z: Heights, F: Fn(Post) -> f32> Search<'_, Z, F> {
+impl<Z: Heights, F: FnMut(Post) -> Result<f32, ReadError>> Search<'_, Z, F> {
     /// Searches what lies below `t`. Of its apex, e0 and e1: the height of the plane there, and how far the surface
     /// strays from it.
     fn descend(&mut self, t: &Triangle, plane: [f64; 3], strays: [f64; 3]) -> Result<(), ReadError> {
@@ -227,7 +239,7 @@ impl<Z: Heights, F: Fn(Post) -> f32> Search<'_, Z, F> {
             (near, [middle, plane[0], plane[1]], [stray, strays[0], strays[1]]),
             (far, [middle, plane[2], plane[0]], [stray, strays[2], strays[0]]),
         ];
-        let bounds = [self.bound(&near, sides[0].2), self.bound(&far, sides[1].2)];
+        let bounds = [self.bound(&near, sides[0].2)?, self.bound(&far, sides[1].2)?];
         let order = if bounds[1] > bounds[0] { [1, 0] } else { [0, 1] };
         for n in order {
             if bounds[n] > self.found.greatest {
@@ -239,16 +251,16 @@ impl<Z: Heights, F: Fn(Post) -> f32> Search<'_, Z, F> {
     }
 
     /// No post of the grid below `t` strays further, except its corners; -1 where there is none.
-    fn bound(&self, t: &Triangle, strays: [f64; 3]) -> f64 {
+    fn bound(&mut self, t: &Triangle, strays: [f64; 3]) -> Result<f64, ReadError> {
         let corners = [t.apex, t.e0, t.e1];
-        let Some(m) = t.base_midpoint() else { return -1.0 };
+        let Some(m) = t.base_midpoint() else { return Ok(-1.0) };
         if corners.iter().all(|p| p.i >= self.grid.nx()) || corners.iter().all(|p| p.j >= self.grid.ny()) {
-            return -1.0;
+            return Ok(-1.0);
         }
         if (m.i | m.j) % 2 == 1 {
-            return f64::INFINITY;
+            return Ok(f64::INFINITY);
         }
-        strays[0].max(strays[1]).max(strays[2]) + f64::from((self.finer)(m))
+        Ok(strays[0].max(strays[1]).max(strays[2]) + f64::from((self.finer)(m)?))
     }
 }
 

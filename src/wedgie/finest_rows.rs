@@ -44,7 +44,7 @@ struct Tilted {
 impl<'a> FinestRows<'a> {
     /// Over the rows of `band`; `exact` is what [`super::deviation::arithmetic_is_exact`] says of the field.
     pub(super) fn new(band: &'a Band, scale: SceneScale, exact: bool, count: u32) -> Self {
-        let halves = band.rows().map(Halves::of).collect();
+        let halves = if band.is_level() { Vec::new() } else { band.rows().map(Halves::of).collect() };
         Self { band, scale, exact, count, halves, squares: Default::default(), tilted: Default::default() }
     }
 
@@ -78,7 +78,9 @@ impl<'a> FinestRows<'a> {
         let one = |a| finest_bounds_with(grid, scale, Post::new(2 * a + 1, j), |q| Ok(band.height(q)));
         let mut bounds = (0..inner.start).map(one).collect::<Result<Vec<_>, _>>()?;
         bounds.reserve(self.count as usize);
-        if !inner.is_empty() {
+        if !inner.is_empty() && band.is_level() {
+            bounds.resize(inner.end as usize, one(inner.start)?);
+        } else if !inner.is_empty() {
             self.squares(deviate, j, inner.len(), &mut bounds);
         }
         for a in bounds.len() as u32..self.count {

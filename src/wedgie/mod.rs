@@ -16,6 +16,7 @@ mod finest_rows;
 mod inner;
 mod memory;
 mod pyramid;
+mod store;
 #[cfg(test)]
 mod tests;
 
@@ -25,7 +26,8 @@ use crate::terrain::ReadError;
 
 pub use finest::{finest_bounds, finest_bounds_with};
 pub use memory::MemoryTerrain;
-pub use pyramid::{BoundsPyramid, Lattice};
+pub use pyramid::{BAND_BYTES, BoundsPyramid, Lattice, ROW_BYTES, compute_bounds};
+pub use store::{BoundsStore, Effort, LatticeSize, TightReader};
 
 /// What is known of the surface over one diamond. Thicknesses in height units, rounded up to f32.
 ///

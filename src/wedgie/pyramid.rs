@@ -3,8 +3,18 @@
 //! Lattice k holds the posts whose coordinates are multiples of 2^k and not both of 2^(k+1): the square and tilted
 //! diamonds of half-length 2^k. They are made one after the other, finest diamonds first: the tight thickness of each by
 //! a search that those of finer ones cut short, the nested one and the ball from its children.
+//!
+//! A lattice is made some rows at a time, from the south, and each of these goes to a [`BoundsStore`] at once. What is at
+//! hand meanwhile are those rows, the rows of the lattice below that their children are in, and the heights of some bands
+//! of posts: memory follows from the width of the grid, not from its posts.
+//!
+//! ```text
+//!   tilted diamonds of row b: from the rows 2b - 1 and 2b + 1 of the lattice below
+//!   square diamonds of row b (odd): from the tilted ones of rows b - 1, b and b + 1; so one row of tilted ones is made
+//!   ahead, and kept for the rows that come next
+//! ```
 
-use std::ops::Range;
+use std::{borrow::Cow, ops::Range};
 
 use rayon::prelude::*;
 use sightline_proto::diamond::Post;
@@ -17,6 +27,7 @@ use super::{
     finest_rows::FinestRows,
     inner::{Children, InnerRow},
     round_up,
+    store::{BoundsStore, Effort, LatticeSize, Rows, TightReader},
 };
 use crate::terrain::{Grid, HeightField, Posts, ReadError, SceneScale};
 
@@ -39,18 +50,6 @@ impl Lattice {
         (needed(grid.nx()), needed(grid.ny()))
     }
 
-    /// Lattice `k` over `grid` from its bounds, row by row from the south; `None` when their number is not that of
-    /// [`Lattice::size`].
-    pub fn new(grid: Grid, k: u8, bounds: Vec<DiamondBounds>) -> Option<Self> {
-        let (columns, rows) = Self::size(grid, k);
-        (bounds.len() as u64 == u64::from(columns) * u64::from(rows)).then_some(Self { k, columns, rows, bounds })
-    }
-
-    /// The exponent of the step between posts.
-    pub fn k(&self) -> u8 {
-        self.k
-    }
-
     /// Posts from west to east.
     pub fn columns(&self) -> u32 {
         self.columns
@@ -59,12 +58,6 @@ impl Lattice {
     /// Posts from south to north.
     pub fn rows(&self) -> u32 {
         self.rows
-    }
-
-    /// The bounds of row `b`, one of its rows.
-    pub(super) fn row(&self, b: u32) -> &[DiamondBounds] {
-        let columns = self.columns as usize;
-        &self.bounds[b as usize * columns..][..columns]
     }
 
     /// Row by row from the south; zero for posts of a coarser lattice.
@@ -92,23 +85,10 @@ pub struct BoundsPyramid {
 impl BoundsPyramid {
     /// Computes all bounds of a field, on the threads of the current pool. The result does not depend on them.
     pub fn compute<H: HeightField + ?Sized>(field: &H, scale: SceneScale) -> Result<Self, ReadError> {
-        Self::compute_with(field, scale, &|_| ())
-    }
-
-    /// [`BoundsPyramid::compute`] that tells `progress`, from any thread, how many posts more are done.
-    pub fn compute_with<H: HeightField + ?Sized>(
-        field: &H,
-        scale: SceneScale,
-        progress: &(dyn Fn(u64) + Sync),
-    ) -> Result<Self, ReadError> {
         let exact = deviation::arithmetic_is_exact(field)?;
-        let mut lattices: Vec<Lattice> = Vec::new();
-        for k in 1..field.grid().root().exponent() {
-            let source = Source { field, scale, exact, finer: &lattices, progress };
-            let lattice = source.lattice(k)?;
-            lattices.push(lattice);
-        }
-        Ok(Self { lattices })
+        let mut all = Self { lattices: Vec::new() };
+        compute_into(field, scale, exact, Effort::FULL, &mut all, &|_| ())?;
+        Ok(all)
     }
 
     /// Lattices k = 1, 2, ... m - 1.
@@ -124,98 +104,231 @@ impl BoundsPyramid {
     }
 }
 
+impl BoundsStore for BoundsPyramid {
+    type Error = ReadError;
+    type Reader<'a> = &'a Self;
+
+    fn append(&mut self, size: LatticeSize, rows: &[DiamondBounds]) -> Result<(), ReadError> {
+        let LatticeSize { k, columns, rows: all } = size;
+        if self.lattices.last().is_none_or(|lattice| lattice.k != k) {
+            let bounds = Vec::with_capacity(columns as usize * all as usize);
+            self.lattices.push(Lattice { k, columns, rows: all, bounds });
+        }
+        if let Some(lattice) = self.lattices.last_mut() {
+            lattice.bounds.extend_from_slice(rows);
+        }
+        Ok(())
+    }
+
+    fn rows(&self, size: LatticeSize, rows: Range<u32>) -> Result<Cow<'_, [DiamondBounds]>, ReadError> {
+        let columns = size.columns as usize;
+        Ok(Cow::Borrowed(
+            &self.lattices[size.k as usize - 1].bounds[rows.start as usize * columns..rows.end as usize * columns],
+        ))
+    }
+
+    fn reader(&self) -> &Self {
+        self
+    }
+}
+
+impl TightReader for &BoundsPyramid {
+    #[inline]
+    fn tight(&mut self, p: Post) -> Result<f32, ReadError> {
+        Ok(self.get(p).map_or(0.0, |bounds| bounds.tight))
+    }
+}
+
 /// Rows of posts that are read together for a band of a lattice.
 const BAND_ROWS: u32 = 32;
 /// The greatest k of a lattice whose diamonds are scanned; on rough terrain, that of 32 posts costs as much either way.
 const SCAN_K: u8 = 3;
+/// Rows of heights that a band holds at most, those around it included.
+const MOST_BAND_ROWS: usize = 2 * BAND_ROWS as usize;
+
+/// Bytes that a band takes while it is worked on, about, for each post of a row of the grid: its heights twice (once more
+/// apart by parity of their columns), and rows of results.
+pub const BAND_BYTES: usize = 2 * 8 * MOST_BAND_ROWS;
+/// Bytes that a row of [`Effort::rows`] takes for each post of a row of the grid, about: half of the posts are in a row
+/// of the finest lattice, and for one of the next two rows of that are at hand; each twice, before they are in order.
+pub const ROW_BYTES: usize = 32;
+
+/// Computes all bounds of a field of integers, of 16 bits or, where it is `wide`, of 32, into an empty store, on the
+/// threads of the current pool. The result depends neither on them nor on `effort`. `progress` is told, from any thread, how
+/// many posts more are done.
+pub fn compute_bounds<H: HeightField + ?Sized, S: BoundsStore>(
+    field: &H,
+    scale: SceneScale,
+    wide: bool,
+    effort: Effort,
+    store: &mut S,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<(), S::Error> {
+    let exact = deviation::integers_are_exact(field.grid(), wide);
+    compute_into(field, scale, exact, effort, store, progress)
+}
+
+fn compute_into<H: HeightField + ?Sized, S: BoundsStore>(
+    field: &H,
+    scale: SceneScale,
+    exact: bool,
+    effort: Effort,
+    store: &mut S,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<(), S::Error> {
+    let grid = field.grid();
+    for k in 1..grid.root().exponent() {
+        let size = LatticeSize::of(grid, k);
+        // The row of tilted diamonds that was made for the square ones south of it.
+        let mut ahead: Vec<DiamondBounds> = Vec::new();
+        for first in (0..size.rows).step_by(effort.rows as usize) {
+            let last = (first + effort.rows).min(size.rows);
+            let end = (last + 1).min(size.rows);
+            let source = Source { field, scale, exact, bands: effort.bands, store: &*store, progress };
+            let mut rows = source.rows(size, first..last, end, &ahead)?;
+            let made = (last - first) as usize * size.columns as usize;
+            ahead.clear();
+            ahead.extend_from_slice(&rows[made..]);
+            rows.truncate(made);
+            store.append(size, &rows)?;
+        }
+    }
+    Ok(())
+}
 
 /// What the bounds of a lattice are made from.
-struct Source<'a, H: ?Sized> {
+struct Source<'a, H: ?Sized, S> {
     field: &'a H,
     scale: SceneScale,
     /// Whether deviations have no rounding errors.
     exact: bool,
+    /// Bands that are worked on at the same time.
+    bands: usize,
     /// The lattices of smaller steps.
-    finer: &'a [Lattice],
+    store: &'a S,
     /// Is told how many posts of the grid more are done.
     progress: &'a (dyn Fn(u64) + Sync),
 }
 
-impl<H: HeightField + ?Sized> Source<'_, H> {
-    fn lattice(&self, k: u8) -> Result<Lattice, ReadError> {
-        let (columns, rows) = Lattice::size(self.field.grid(), k);
-        let bounds = vec![DiamondBounds::default(); columns as usize * rows as usize];
-        let mut lattice = Lattice { k, columns, rows, bounds };
-        // Children of tilted diamonds are square ones of half the length; those of square ones are tilted ones here.
-        let tilted = self.rows(&lattice, Parity::Tilted)?;
-        lattice.place(Parity::Tilted, &tilted);
-        let square = self.rows(&lattice, Parity::Square)?;
-        lattice.place(Parity::Square, &square);
-        Ok(lattice)
-    }
+/// What the diamonds of one lattice have their children in.
+#[derive(Clone, Copy)]
+struct Near<'a> {
+    /// The lattice itself: the rows being made, with their tilted diamonds when square ones are.
+    own: &'a Rows<'a>,
+    /// Of the lattice below the rows around these; nothing for the finest.
+    below: Option<&'a Rows<'a>>,
+}
 
-    /// The bounds of all diamonds of one kind, row by row.
-    fn rows(&self, lattice: &Lattice, parity: Parity) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
-        let band = (BAND_ROWS >> lattice.k.min(SCAN_K)).max(1);
-        let bands: Result<Vec<_>, _> = (0..lattice.rows.div_ceil(band))
-            .into_par_iter()
-            .map(|n| self.band(lattice, parity, n * band..((n + 1) * band).min(lattice.rows)))
-            .collect();
-        Ok(bands?.concat())
-    }
-
-    fn band(&self, lattice: &Lattice, parity: Parity, rows: Range<u32>) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
-        let (k, grid) = (lattice.k, self.field.grid());
-        let at = |b| RowAt { lattice, parity, b };
-        let stored = |p| self.get(lattice, p);
-        let mut posts = Posts::new(self.field);
-        if k > SCAN_K {
-            let finer = |p| self.get(lattice, p).tight;
-            let tight = |posts: &mut Posts<'_, H>, p| deviation::search(grid, posts, &finer, self.exact, p);
-            return rows.map(|b| self.row(at(b), &mut posts, None, tight, stored)).collect();
+impl Near<'_> {
+    /// The bounds of a diamond of the lattice or of the one below.
+    fn get(&self, p: Post) -> DiamondBounds {
+        let k = (p.i | p.j).trailing_zeros();
+        match self.below {
+            Some(below) if k < u32::from(self.own.size.k) => below.get(p),
+            _ => self.own.get(p),
         }
-        let tight = |band: &mut &Band, p| Ok(deviation::scan(band, self.exact, p));
+    }
+}
+
+impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
+    /// The bounds of rows `rows` of a lattice, and of the tilted diamonds of the next one, if `end` is behind it. The tilted
+    /// diamonds of the first row are `ahead` when there were rows before.
+    fn rows(
+        &self,
+        size: LatticeSize,
+        rows: Range<u32>,
+        end: u32,
+        ahead: &[DiamondBounds],
+    ) -> Result<Vec<DiamondBounds>, ReadError> {
+        let mut bounds = vec![DiamondBounds::default(); (end - rows.start) as usize * size.columns as usize];
+        bounds[..ahead.len()].copy_from_slice(ahead);
+        let mut own = Rows { size, first: rows.start, bounds: Cow::Owned(bounds) };
+        let finer = size.k.checked_sub(1).filter(|&k| k > 0).map(|k| LatticeSize::of(self.field.grid(), k));
+        let below = match finer {
+            None => None,
+            Some(size) => {
+                let end = (2 * end).min(size.rows);
+                let first = (2 * rows.start).saturating_sub(1).min(end);
+                let bounds = self.store.rows(size, first..end)?;
+                Some(Rows { size, first, bounds })
+            }
+        };
+        // Children of tilted diamonds are square ones of half the length; those of square ones are tilted ones here.
+        let first = if ahead.is_empty() { rows.start } else { rows.start + 1 };
+        for (parity, rows) in [(Parity::Tilted, first..end), (Parity::Square, rows)] {
+            let made = self.bands(Near { own: &own, below: below.as_ref() }, parity, rows.clone())?;
+            own.place(parity, rows.start, &made);
+        }
+        Ok(own.bounds.into_owned())
+    }
+
+    /// The bounds of the diamonds of one kind in some rows.
+    fn bands(&self, near: Near<'_>, parity: Parity, rows: Range<u32>) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
+        let height = (BAND_ROWS >> near.own.size.k.min(SCAN_K)).max(1);
+        let starts: Vec<_> = rows.clone().step_by(height as usize).collect();
+        let mut done = Vec::with_capacity(rows.len());
+        for starts in starts.chunks(self.bands) {
+            let band = |&start: &u32| self.band(near, parity, start..(start + height).min(rows.end));
+            let made: Result<Vec<_>, _> = starts.par_iter().map(band).collect();
+            done.extend(made?.into_iter().flatten());
+        }
+        Ok(done)
+    }
+
+    fn band(&self, near: Near<'_>, parity: Parity, rows: Range<u32>) -> Result<Vec<Vec<DiamondBounds>>, ReadError> {
+        let (size, grid) = (near.own.size, self.field.grid());
+        let k = size.k;
+        let at = |b| RowAt { near, parity, b };
+        let stored = |p| near.get(p);
+        if k > SCAN_K {
+            let mut posts = Posts::new(self.field);
+            let mut reader = self.store.reader();
+            let mut finer = |p: Post| {
+                let is_own = (p.i | p.j).trailing_zeros() == u32::from(k);
+                if is_own { Ok(near.own.get(p).tight) } else { reader.tight(p) }
+            };
+            let mut tight = |posts: &mut Posts<'_, H>, p| deviation::search(grid, posts, &mut finer, self.exact, p);
+            return rows.map(|b| self.row(at(b), &mut posts, None, &mut tight, stored)).collect();
+        }
+        // Water and plains are left out: on a level band, nothing deviates.
+        let mut tight = |band: &mut &Band, p| {
+            Ok(if self.exact && band.is_level() { 0.0 } else { deviation::scan(band, self.exact, p) })
+        };
         // A diamond reaches as far as its half-length; balls of the finest level look two posts further.
         let margin = (1 << k) + 3;
-        let heights = &Band::load(&mut posts, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
+        let heights = &Band::load(self.field, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
         if k > 1 || parity == Parity::Square {
             let row = |b| {
                 let inner = self.inner(at(b), heights, None);
-                self.row(at(b), &mut &*heights, inner.as_ref(), tight, stored)
+                self.row(at(b), &mut &*heights, inner.as_ref(), &mut tight, stored)
             };
             return rows.map(row).collect();
         }
-        let count = lattice.columns.min(grid.root().side() / 2);
+        let count = size.columns.min(grid.root().side() / 2);
         let mut finest = FinestRows::new(heights, self.scale, self.exact, count);
         let mut done = Vec::with_capacity(rows.len());
         for b in rows {
             finest.around(2 * b)?;
             let inner = self.inner(at(b), heights, Some(&finest));
             let child = |child| finest.get(child);
-            done.push(self.row(at(b), &mut &*heights, inner.as_ref(), tight, child)?);
+            done.push(self.row(at(b), &mut &*heights, inner.as_ref(), &mut tight, child)?);
             (self.progress)(u64::from(grid.nx()) * u64::from(grid.ny().saturating_sub(2 * b).min(2)));
         }
         Ok(done)
     }
 
-    /// The bounds of a diamond of a finer lattice or of `lattice`.
-    fn get(&self, lattice: &Lattice, p: Post) -> DiamondBounds {
-        let k = (p.i | p.j).trailing_zeros() as usize;
-        self.finer.get(k - 1).unwrap_or(lattice).get(p)
-    }
-
     /// The bounds of the diamonds of one kind in row `b` of the lattice, from the west.
     fn row<Z: Heights>(
         &self,
-        RowAt { lattice, parity, b }: RowAt<'_>,
+        RowAt { near, parity, b }: RowAt<'_>,
         heights: &mut Z,
         inner: Option<&InnerRow<'_>>,
-        tight: impl Fn(&mut Z, Post) -> Result<f32, ReadError>,
+        tight: &mut impl FnMut(&mut Z, Post) -> Result<f32, ReadError>,
         child: impl Fn(Post) -> DiamondBounds,
     ) -> Result<Vec<DiamondBounds>, ReadError> {
-        let (k, root) = (lattice.k, self.field.grid().root());
-        let mut row = Vec::with_capacity(lattice.columns as usize / 2 + 1);
-        for a in parity.columns(b, lattice.columns) {
+        let (LatticeSize { k, columns, .. }, root) = (near.own.size, self.field.grid().root());
+        let mut row = Vec::with_capacity(columns as usize / 2 + 1);
+        for a in parity.columns(b, columns) {
             let p = Post::new(a << k, b << k);
             row.push(match inner {
                 Some(inner) if inner.has(p) => inner.nest(p, tight(heights, p)?),
@@ -232,22 +345,25 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
     /// What the inner diamonds of row `b` of the lattice follow from, where a band holds all their heights.
     fn inner<'b>(
         &'b self,
-        RowAt { lattice, parity, b }: RowAt<'b>,
+        RowAt { near, parity, b }: RowAt<'b>,
         heights: &'b Band,
         finest: Option<&'b FinestRows>,
     ) -> Option<InnerRow<'b>> {
-        let (k, h, j) = (lattice.k, 1 << lattice.k, b << lattice.k);
-        if j < h || j + h >= heights.grid().ny() {
+        let k = near.own.size.k;
+        let (h, j) = (1 << k, b << k);
+        // Even rows have no square diamonds, and what is around them may not be at hand.
+        let is_empty = parity == Parity::Square && b.is_multiple_of(2);
+        if is_empty || j < h || j + h >= heights.grid().ny() {
             return None;
         }
         let children = match (parity, finest) {
-            (Parity::Square, _) => Children::Straight([b - 1, b, b + 1].map(|b| lattice.row(b))),
+            (Parity::Square, _) => Children::Straight([b - 1, b, b + 1].map(|b| near.own.row(b))),
             (Parity::Tilted, Some(finest)) => {
                 Children::aslant(heights, self.scale, j, 1, [j - 1, j + 1].map(|j| finest.row(j)), 1)
             }
             (Parity::Tilted, None) => {
-                let finer = self.finer.get(usize::from(k).checked_sub(2)?)?;
-                Children::aslant(heights, self.scale, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| finer.row(b)), k - 1)
+                let below = near.below?;
+                Children::aslant(heights, self.scale, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| below.row(b)), k - 1)
             }
         };
         Some(InnerRow::new(heights, self.scale, k, j, children))
@@ -288,7 +404,7 @@ impl<H: HeightField + ?Sized> Source<'_, H> {
 /// The diamonds of one kind in one row of a lattice.
 #[derive(Clone, Copy)]
 struct RowAt<'a> {
-    lattice: &'a Lattice,
+    near: Near<'a>,
     parity: Parity,
     b: u32,
 }
@@ -314,10 +430,14 @@ impl Parity {
     }
 }
 
-impl Lattice {
-    fn place(&mut self, parity: Parity, rows: &[Vec<DiamondBounds>]) {
-        for (b, (row, slots)) in (0..).zip(rows.iter().zip(self.bounds.chunks_mut(self.columns as usize))) {
-            for (a, bounds) in parity.columns(b, self.columns).zip(row) {
+impl Rows<'_> {
+    /// Puts diamonds of one kind in their places, row by row from row `first` on.
+    fn place(&mut self, parity: Parity, first: u32, rows: &[Vec<DiamondBounds>]) {
+        let columns = self.size.columns;
+        let from = (first - self.first) as usize * columns as usize;
+        let slots = self.bounds.to_mut()[from..].chunks_mut(columns as usize);
+        for (b, (row, slots)) in (first..).zip(rows.iter().zip(slots)) {
+            for (a, bounds) in parity.columns(b, columns).zip(row) {
                 slots[a as usize] = *bounds;
             }
         }

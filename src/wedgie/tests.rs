@@ -81,6 +81,20 @@ fn blocks_join_where_the_grid_is_larger_than_one() {
     }
 }
 
+/// Bands without relief are not scanned; those beside them are.
+#[test]
+fn a_plain_beside_hills_has_the_bounds_that_it_should() {
+    let hills = |i: u32, j: u32| f64::from(synthetic::fractal_height(i, j, 6, 300));
+    let field = MemoryField::from_fn(40, 140, |i, j| Some(if j > 100 { hills(i, j) } else { 7.0 })).unwrap();
+    let terrain = MemoryTerrain::new(field.clone(), SCALE).unwrap();
+    for p in diamonds(field.grid().root()).filter(|p| (p.i | p.j) % 4 == 0) {
+        assert_eq!(terrain.bounds(p).unwrap().tight, round_up(naive_tight(&field, p)), "{p:?}");
+    }
+    check_nesting(&terrain);
+    let middle = [Post::new(17, 31), Post::new(2, 34), Post::new(4, 40)].map(|p| terrain.bounds(p).unwrap());
+    assert!(middle.iter().all(|bounds| bounds.nested == 0.0 && bounds.radius_m > 20.0), "{middle:?}");
+}
+
 /// Checks, for every diamond that has a child with bounds, that the child's bounds lie within its own.
 fn check_nesting(terrain: &MemoryTerrain) {
     let root = terrain.grid().root();

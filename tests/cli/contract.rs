@@ -9,8 +9,8 @@ const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
 const VERBS: [(&str, &str, &str); 18] = [
-    ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --png --check --force"),
-    ("info", "<DB>", ""),
+    ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --memory --png --check --force"),
+    ("info", "<DB>", "--thumbnail --force"),
     ("verify", "<DB>", ""),
     (
         "los",
@@ -33,7 +33,7 @@ const VERBS: [(&str, &str, &str); 18] = [
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
     ("fly", "<DB>", "--flight --frames --triangles --pixels --algorithm --plot -o --seed --force"),
-    ("serve", "[DB]", "--listen --config --state --record --record-limit --print-config"),
+    ("serve", "[DB]", "--listen --config --state --record --record-limit --page-cache --print-config"),
     ("status", "<ADDR>", ""),
     ("replay", "<F>", "--db"),
     ("load", "<ADDR>", "--views --triangles --rate --seconds --los --sight-lines --seed"),

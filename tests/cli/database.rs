@@ -50,6 +50,20 @@ fn a_grid_is_ingested_shown_and_verified() {
     let verified = sightline(&["verify", db, "--quiet"]);
     assert_eq!(status(&verified), 0);
     assert!(text(&verified.stdout).contains("sound"));
+
+    let picture = folder.path().join("hills.png");
+    let draw = ["info", db, "--thumbnail", picture.to_str().unwrap()];
+    assert_eq!(status(&sightline(&draw)), 0);
+    let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(&picture).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let drawn = reader.next_frame(&mut pixels).unwrap();
+    // 69 by 65 cells, the longer side in 512 pixels; the only voids are near the north-western corner.
+    assert_eq!((drawn.width, drawn.height), (512, 482));
+    let blue = |n: usize| i32::from(pixels[3 * n + 2]) > i32::from(pixels[3 * n]) + 40;
+    let voids: Vec<_> = (0..512 * 482).filter(|&n| blue(n)).map(|n| (n % 512 * 69 / 512, n / 512 * 65 / 482)).collect();
+    assert!(!voids.is_empty() && voids.iter().all(|&(i, j)| (6..=9).contains(&i) && (3..=6).contains(&j)), "{voids:?}");
+    assert_eq!(status(&sightline(&draw)), 4, "a picture that exists is kept");
 }
 
 #[test]

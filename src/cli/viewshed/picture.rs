@@ -5,6 +5,7 @@ use sightline_client::raster::Picture;
 use sightline_proto::diamond::Post;
 
 use crate::{
+    cli::relief::brightness,
     los::{Tile, Verdict},
     terrain::{HeightField, PAGE_SIDE, Posts, ReadError, SceneScale},
 };
@@ -13,8 +14,6 @@ use crate::{
 const LONGER_PX: f64 = 1200.0;
 /// Samples along each side of a pixel.
 const SAMPLES: u32 = 2;
-/// How much steeper slopes look to the light than they are.
-const RELIEF: f64 = 1.6;
 const SEEN: [f64; 3] = [1.0, 0.80, 0.30];
 const HIDDEN: [f64; 3] = [0.40, 0.46, 0.52];
 const UNKNOWN: [f64; 3] = [0.45, 0.62, 0.80];
@@ -107,7 +106,7 @@ impl Map {
     }
 }
 
-/// Brightness of the ground at a point, from slopes between posts: sun in the north-west, and sky.
+/// Brightness of the ground at a point, from slopes between posts.
 fn light<H>(posts: &mut Posts<'_, H>, scale: SceneScale, [x, y]: [f64; 2]) -> Result<f64, ReadError>
 where
     H: HeightField + ?Sized,
@@ -124,11 +123,9 @@ where
         *z = post.z * scale.up_m;
     }
     let [u, v] = [(x - f64::from(i)).clamp(0.0, 1.0), (y - f64::from(j)).clamp(0.0, 1.0)];
-    let east = RELIEF * ((z[1] - z[0]) * (1.0 - v) + (z[3] - z[2]) * v) / scale.east_m;
-    let north = RELIEF * ((z[2] - z[0]) * (1.0 - u) + (z[3] - z[1]) * u) / scale.north_m;
-    let length = (1.0 + east * east + north * north).sqrt();
-    let sun = (0.5417 * east - 0.5417 * north + 0.6428) / length;
-    Ok(0.38 + 0.16 / length + 0.70 * sun.max(0.0))
+    let east = ((z[1] - z[0]) * (1.0 - v) + (z[3] - z[2]) * v) / scale.east_m;
+    let north = ((z[2] - z[0]) * (1.0 - u) + (z[3] - z[1]) * u) / scale.north_m;
+    Ok(brightness([east, north]))
 }
 
 /// A dot in a white ring.
