@@ -10,7 +10,7 @@ use super::{
     failure,
 };
 use crate::{
-    database::{self, Database, IngestOptions, OpenError, OpenOptions, VoidPolicy},
+    database::{self, Database, IngestOptions, OpenError, OpenOptions},
     dem,
     evaluate::trade::{Instrument, Plan, Step, TradeError, World},
     terrain::{HeightField, MemoryField, PAGE_SIDE, PageId, Posts, ReadError, SceneScale, synthetic},
@@ -57,7 +57,7 @@ pub(super) fn load(
 fn ingested(source: &Path, folder: &Path) -> Result<Database, Failure> {
     let mut raster = dem::open(&[source.to_owned()], &dem::OpenOptions::default(), &mut |_| {}).map_err(dem_failure)?;
     let target = folder.join("terrain.sightline.partial");
-    let options = IngestOptions { unit_m: None, voids: VoidPolicy::Keep, replace: true, sources: Vec::new() };
+    let options = IngestOptions { replace: true, ..IngestOptions::default() };
     let written = database::ingest(&mut *raster, &target, &options, &mut |_| {});
     let opened = written
         .map_err(|error| Failure::input(source.display(), error))
