@@ -4,7 +4,7 @@ use super::{
     contender::Contender,
     document::{Block, Cell, Section, Table, exact, timed},
     findings::Findings,
-    greatest, mean,
+    greatest, mean, median,
     meshes::Row,
     queries::Way,
 };
@@ -35,10 +35,9 @@ pub(super) fn section(found: &Findings<'_>) -> Section {
     let table = Table {
         file: "choose",
         title: format!("Who needs what, at {} triangles", found.usual_count),
-        note:
-            "Of all systems, the one that is nearest to the best of each terrain on average, and the next. Sightline \
-               with lines registered is left out where it only repeats Sightline."
-                .into(),
+        note: "Of all systems, the one whose values are least beside the median of each terrain, on average, and the \
+               next. Sightline with lines registered is left out where it only repeats Sightline."
+            .into(),
         columns: vec![exact("who needs"), timed("should choose"), timed("because")],
         rows,
     };
@@ -66,17 +65,19 @@ fn consistent(found: &Findings<'_>) -> Vec<Cell> {
     row("the right answer for given sight lines on every mesh", choice, because)
 }
 
-/// The contender whose values are nearest to the best ones, and the next.
+/// The contender whose values are the least beside the median of all, on average over the terrains, and the next.
 fn best(found: &Findings<'_>, need: &str, unit: &str, value: fn(&Row) -> f64) -> Vec<Cell> {
     let contenders: Vec<_> = Contender::all().filter(|c| *c != Contender::Kept).collect();
     let of = |contender: Contender| -> Vec<f64> {
         (0..found.worlds.len()).filter_map(|world| found.usual(world, contender).map(value)).collect()
     };
     let values: Vec<_> = contenders.iter().map(|&c| of(c)).collect();
-    let least = |world: usize| {
-        values.iter().filter_map(|v| v.get(world)).copied().fold(f64::INFINITY, f64::min).max(f64::MIN_POSITIVE)
+    // Beside the median, since the least value may be 0.
+    let usual = |world: usize| {
+        let of_world: Vec<_> = values.iter().filter_map(|v| v.get(world)).copied().collect();
+        median(&of_world).max(f64::MIN_POSITIVE)
     };
-    let score = |v: &[f64]| mean(&v.iter().enumerate().map(|(world, v)| v / least(world)).collect::<Vec<_>>());
+    let score = |v: &[f64]| mean(&v.iter().enumerate().map(|(world, v)| v / usual(world)).collect::<Vec<_>>());
     let mut order: Vec<_> = values.iter().zip(&contenders).map(|(v, c)| (score(v), v, c)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
     let text = |v: &[f64]| v.iter().map(|v| format!("{v:.3}")).collect::<Vec<_>>().join(", ");

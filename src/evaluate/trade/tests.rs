@@ -12,7 +12,7 @@ fn tiny() -> Plan {
     Plan {
         synthetic_side: 65,
         greatest_side: 65,
-        counts: vec![300, 1_000],
+        counts: vec![600],
         views: 1,
         frames: 3,
         mesh_lines: 12,
@@ -73,7 +73,7 @@ fn a_report_is_complete_and_the_same_in_every_run() {
     // Exact answers and registered lines are never wrong; others are, or nothing would be measured.
     let wrong = column("meshes-accuracy", "wrong between others, %");
     let kept = wrong.iter().filter(|(system, _)| system == "Sightline, lines registered");
-    assert!(kept.clone().count() == 4 && kept.into_iter().all(|(_, cell)| *cell == Cell::Number(0.0)));
+    assert!(kept.clone().count() == 2 && kept.into_iter().all(|(_, cell)| *cell == Cell::Number(0.0)));
     assert!(wrong.iter().any(|(_, cell)| matches!(cell, Cell::Number(v) if *v > 0.0)));
     assert!(column("fidelity", "wrong in silence").iter().all(|(_, cell)| *cell == Cell::Number(0.0)));
     assert!(column("lines-of-sight", "reference differs").iter().all(|(_, cell)| *cell == Cell::Number(0.0)));
