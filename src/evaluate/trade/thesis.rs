@@ -226,7 +226,7 @@ const ABOUT: &str = "Inam (2005) compares ROAM, Roettger's quadtree and GeoMipMa
      nothing outside its programs), and at 10,000 triangles. What could be reproduced: the formula, the methods by which \
      the terrains were made, their sizes, a view of the whole terrain. What could not: TerraGen's seeds and settings, the \
      camera, the scale of a post, the Turkish tiles, and how 16-bit heights became 8-bit ones. The formula counts from \
-     the lowest height of 8 bits; from the sea, the same meshes of the same ground come out \"more accurate\".";
+     the lowest height of 8 bits; the same meshes of the same ground have another accuracy when heights count from the sea.";
 
 /// What its own columns say of each other.
 fn consistency() -> String {
