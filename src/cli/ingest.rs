@@ -23,8 +23,8 @@ pub(super) struct Args {
     ///
     /// Read are SRTM .hgt (also zipped or gzipped), GeoTIFF and COG, DTED levels 0 to 2, Esri ASCII grids, raw rasters
     /// with a header (BIL, BIP, BSQ, FLT, ENVI), USGS ASCII DEM, and PNG (16-bit grey, Terrarium, Mapbox Terrain-RGB).
-    /// Several files must have one spacing and adjoin or overlap: where two know a post, the south-western one wins, and
-    /// a known post beats one without data.
+    /// Several files must have one spacing, or are resampled on request, and adjoin or overlap: where two know a post, the
+    /// south-western one wins, and a known post beats one without data.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// The database to write.
@@ -61,6 +61,26 @@ pub(super) struct Args {
     /// How a PNG holds heights, in place of what its path says ("terrarium", "mapbox" or "terrain-rgb" in its name).
     #[arg(long, value_enum, value_name = "KIND")]
     png: Option<Png>,
+    /// Bring files that are not on the lattice of the finest one to it; without this they are refused.
+    #[arg(long, value_enum, value_name = "METHOD")]
+    resample: Option<Resample>,
+}
+
+#[derive(clap::ValueEnum, Clone, Copy, Debug)]
+enum Resample {
+    /// The height of the nearest post.
+    Nearest,
+    /// The bilinear mean of the four posts around; void where one of them is.
+    Bilinear,
+}
+
+impl From<Resample> for dem::Resampling {
+    fn from(method: Resample) -> Self {
+        match method {
+            Resample::Nearest => Self::Nearest,
+            Resample::Bilinear => Self::Bilinear,
+        }
+    }
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug)]
@@ -120,7 +140,12 @@ impl Args {
             return Err(Failure::input(missing.display(), "no such file"));
         }
         let mut scan = Progress::new(context, "bytes");
-        let dem_options = dem::OpenOptions { nodata: self.nodata, epsg: self.crs, png: self.png.map(Into::into) };
+        let dem_options = dem::OpenOptions {
+            nodata: self.nodata,
+            epsg: self.crs,
+            png: self.png.map(Into::into),
+            resample: self.resample.map(Into::into),
+        };
         let mut raster = dem::open(&self.inputs, &dem_options, &mut |p| scan.tell("scanning", p.done, p.total))
             .map_err(dem_failure)?;
         scan.finish();

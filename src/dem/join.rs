@@ -1,7 +1,8 @@
 //! Adjoining or overlapping rasters of any format as one: GeoTIFF tiles, DTED cells, or a mix.
 //!
 //! The posts of all parts must lie on one lattice: the same reference system and spacing, and origins a whole number of
-//! posts apart, as far as [`MAX_SHIFT_POSTS`] sees; nothing is resampled. Parts may share a border (posts on it are in
+//! posts apart, as far as [`MAX_SHIFT_POSTS`] sees; others are refused, or resampled first
+//! on request ([`on_finest_lattice`]). Parts may share a border (posts on it are in
 //! both), overlap by any amount, or follow each other without a shared post, as pixels do. The parts must hang together
 //! that way. Where several parts know a post, the part whose south edge lies further south wins, and of two equally far
 //! south the one whose west edge lies further west; a known post beats a void one. What the overlaps showed is counted,
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 use crate::terrain::Georeference;
 
-use super::{DemError, Raster, RasterInfo, SeamReport, crs, mosaic::Overlap};
+use super::{DemError, Raster, RasterInfo, Resampling, SeamReport, crs, mosaic::Overlap, resample::Resampled};
 
 /// The most by which a post may be moved to lie on the first part's lattice, in posts. A guess, as large as no place is
 /// known better than and far larger than what printing coordinates with six digits does; with half a post, pixel centres
@@ -44,7 +45,7 @@ pub(super) struct Join {
 
 impl Join {
     /// Puts at least two rasters, each with the file that it comes from, beside each other.
-    pub(super) fn new(rasters: Vec<(PathBuf, Box<dyn Raster>)>) -> Result<Self, DemError> {
+    pub(super) fn new(rasters: Rasters) -> Result<Self, DemError> {
         let places: Vec<_> = rasters.iter().map(|(path, raster)| (path.as_path(), raster.info())).collect();
         let (georeference, corners) = lattice(&places)?;
         let info = describe(&places, georeference, &corners)?;
@@ -92,6 +93,32 @@ impl Raster for Join {
     }
 }
 
+/// Rasters with the file that each comes from.
+type Rasters = Vec<(PathBuf, Box<dyn Raster>)>;
+
+/// Brings all rasters to the lattice of the one with the smallest cells, the first of several.
+pub(super) fn on_finest_lattice(rasters: Rasters, method: Resampling) -> Result<Rasters, DemError> {
+    let cell = |info: &RasterInfo| info.georeference.step[0] * info.georeference.step[1];
+    let finest = rasters.iter().map(|(path, raster)| (path.clone(), raster.info().clone()));
+    let Some((finest_path, finest)) = finest.reduce(|a, b| if cell(&b.1) < cell(&a.1) { b } else { a }) else {
+        return Ok(rasters);
+    };
+    let brought = rasters.into_iter().map(|(path, raster)| {
+        let places = [(finest_path.as_path(), &finest), (path.as_path(), raster.info())];
+        let system = |info: &RasterInfo| (info.georeference.epsg, info.georeference.geographic);
+        // Other reference systems are refused when all are put beside each other.
+        if system(&finest) != system(raster.info())
+            || !raster.info().georeference.is_placed()
+            || lattice(&places).is_ok()
+        {
+            return Ok((path, raster));
+        }
+        let raster = Resampled::new(raster, &path, &finest.georeference, method)?;
+        Ok((path, Box::new(raster) as Box<dyn Raster>))
+    });
+    brought.collect()
+}
+
 fn refuse(detail: String) -> DemError {
     DemError::Mosaic { detail }
 }
@@ -119,7 +146,7 @@ fn lattice(places: &[(&Path, &RasterInfo)]) -> Result<(Georeference, Vec<[u32; 2
                 let [[a, b], [c, d]] = [base.step, place.step];
                 return Err(refuse(format!(
                     "{} have different spacings: posts lie {a} by {b} and {c} by {d} map units apart (east by north); \
-                     give files of one spacing, or resample one first, for example with gdalwarp -tr",
+                     give files of one spacing, or bring all to the finest with --resample nearest or bilinear",
                     both()
                 )));
             }
@@ -130,8 +157,8 @@ fn lattice(places: &[(&Path, &RasterInfo)]) -> Result<(Georeference, Vec<[u32; 2
             if !(shift + drift <= MAX_SHIFT_POSTS && corner[axis].abs() <= MAX_SIDE) {
                 let side = ["east", "north"][axis];
                 return Err(refuse(format!(
-                    "the posts of {} are not on one lattice: they lie {offset} posts apart {side}; resample one first, \
-                     for example with gdalwarp -tap",
+                    "the posts of {} are not on one lattice: they lie {offset} posts apart {side}; bring all to \
+                     the finest with --resample nearest or bilinear",
                     both()
                 )));
             }

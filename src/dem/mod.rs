@@ -22,6 +22,7 @@ mod picture;
 mod prj;
 mod raster;
 mod raw;
+mod resample;
 mod sample;
 mod sniff;
 mod usgs;
@@ -29,11 +30,14 @@ mod usgs;
 use std::path::{Path, PathBuf};
 
 pub use error::DemError;
-pub use raster::{FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, PngHeights, Progress, Raster, RasterInfo, SeamReport};
+pub use raster::{
+    FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, PngHeights, Progress, Raster, RasterInfo, Resampling, SeamReport,
+};
 
 use sniff::Format;
 
-/// Opens one elevation file, or several that lie on one lattice as one raster.
+/// Opens one elevation file, or several that lie on one lattice as one raster; with [`OpenOptions::resample`] several on
+/// any lattices of one reference system.
 ///
 /// `progress` is called now and then while files are scanned, with bytes done and in all.
 pub fn open(
@@ -52,12 +56,16 @@ pub fn open(
     if files.is_empty() {
         return Err(DemError::NoInput);
     }
-    if let Some(tiles) = files.iter().map(packing).collect::<Option<Vec<_>>>() {
+    let tiles = files.iter().map(packing).collect::<Option<Vec<_>>>();
+    if let (Some(tiles), None) = (tiles, options.resample) {
         return Ok(Box::new(mosaic::Mosaic::open(&tiles, options)?));
     }
     let mut rasters = Vec::with_capacity(files.len());
     for (path, format) in files {
         rasters.push((path.clone(), open_single(path, format, options, progress)?));
+    }
+    if let Some(method) = options.resample {
+        rasters = join::on_finest_lattice(rasters, method)?;
     }
     match rasters.len() {
         1 => Ok(rasters.swap_remove(0).1),

@@ -22,6 +22,26 @@ pub struct OpenOptions {
     pub epsg: Option<u32>,
     /// How PNG pictures hold heights, in place of what their path says.
     pub png: Option<PngHeights>,
+    /// How files that are not on the lattice of the finest one are brought there; they are refused without it.
+    pub resample: Option<Resampling>,
+}
+
+/// How heights between posts are found.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Resampling {
+    /// That of the nearest post.
+    Nearest,
+    /// The bilinear mean of the four posts around; void where one of them is.
+    Bilinear,
+}
+
+impl std::fmt::Display for Resampling {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Nearest => "nearest",
+            Self::Bilinear => "bilinear",
+        })
+    }
 }
 
 /// How a PNG picture holds heights.

@@ -9,7 +9,7 @@ const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 
 /// Each verb with its arguments and its own options.
 const VERBS: [(&str, &str, &str); 18] = [
-    ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --memory --png --check --force"),
+    ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --memory --png --resample --check --force"),
     ("info", "<DB>", "--thumbnail --force"),
     ("verify", "<DB>", ""),
     (

@@ -13,6 +13,7 @@ mod mutations;
 mod picture;
 mod raw;
 mod real;
+mod resample;
 mod samples;
 mod usgs;
 

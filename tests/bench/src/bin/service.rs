@@ -63,7 +63,7 @@ fn main() -> Result<()> {
         })?,
     };
     let client = runtime.block_on(Client::connect(&address))?;
-    for (name, reach_m) in [("up to 1 km", 1e3)] {
+    for (name, reach_m) in [("up to 1 km", 1e3), ("up to 10 km", 1e4), ("across the map", f64::INFINITY)] {
         let lines = draw(&database, reach_m)?;
         let mut best = [0.0_f64; 2];
         for _ in 0..ROUNDS {
@@ -81,8 +81,7 @@ fn main() -> Result<()> {
         );
     }
     let lines: Arc<[Line]> = draw(&database, 1e4)?.into();
-    for k in [64_usize; 1] { unsafe { std::env::set_var("INF", k.to_string()) }; let p = runtime.block_on(peak(&client, &lines, 2.0))?; println!("window in flight {k}: {p:.0}"); }
-    let mut peak = runtime.block_on(peak(&client, &lines, seconds))?; if let Ok(r) = std::env::var("RATE") { peak = 2.0 * r.parse::<f64>().unwrap(); }
+    let peak = runtime.block_on(peak(&client, &lines, seconds))?;
     let waits = runtime.block_on(at_rate(&client, &lines, 0.5 * peak, seconds))?;
     let ms = |quantile| waits.value_at_quantile(quantile) as f64 * 1e-3;
     println!(
@@ -182,7 +181,7 @@ async fn peak(client: &Client, lines: &Arc<[Line]>, seconds: f64) -> Result<f64>
     let began = Instant::now();
     let until = began + Duration::from_secs_f64(seconds);
     let mut tasks = Vec::new();
-    let k: usize = std::env::var("INF").unwrap().parse().unwrap(); for n in 0..k {
+    for n in 0..SINGLE_IN_FLIGHT {
         let (client, lines) = (client.clone(), Arc::clone(lines));
         tasks.push(tokio::spawn(async move {
             let mut asked = 0_u64;
