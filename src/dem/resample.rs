@@ -50,13 +50,17 @@ impl Axis {
         fits.then_some(Self { own, other, last, first, posts: count as u32 })
     }
 
-    /// Where post `n` lies on this raster.
-    fn stand(&self, n: u32) -> Stand {
+    /// Where post `n` lies on this raster, or the post that takes its place.
+    fn stand(&self, n: u32, method: Resampling) -> Stand {
         let ([origin, step], [other_origin, other_step]) = (self.own, self.other);
         let at = ((self.first + f64::from(n)) * other_step + other_origin - origin) / step;
         let at = at.clamp(0.0, self.last);
         let at = if (at - at.round()).abs() <= SNAP_POSTS { at.round() } else { at };
-        Stand { before: at as u32, part: at - at.floor() }
+        let stand = Stand { before: at as u32, part: at - at.floor() };
+        match method {
+            Resampling::Bilinear => stand,
+            Resampling::Nearest => Stand { before: stand.before + u32::from(stand.part >= 0.5), part: 0.0 },
+        }
     }
 }
 
@@ -135,16 +139,12 @@ impl Raster for Resampled {
     }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
-        let mut at = self.north.stand(j);
-        if self.method == Resampling::Nearest {
-            at = nearest(at);
-        }
+        let at = self.north.stand(j, self.method);
         let south = self.row(at.before, None)?;
         let north = if at.part > 0.0 { self.row(at.before + 1, Some(south))? } else { south };
         let (south, north) = (&self.at_hand[south].1, &self.at_hand[north].1);
         for (post, n) in out.iter_mut().zip(0..) {
-            let column = self.east.stand(n);
-            let Stand { before, part } = if self.method == Resampling::Nearest { nearest(column) } else { column };
+            let Stand { before, part } = self.east.stand(n, self.method);
             let (west, east) = (before as usize, before as usize + usize::from(part > 0.0));
             // A weight of 0 must not take up a void.
             let between = |a: f64, b: f64, part: f64| if part > 0.0 { a + (b - a) * part } else { a };
@@ -156,9 +156,4 @@ impl Raster for Resampled {
     fn release(&mut self) {
         self.inner.release();
     }
-}
-
-/// The nearer of the two posts.
-fn nearest(stand: Stand) -> Stand {
-    Stand { before: stand.before + u32::from(stand.part >= 0.5), part: 0.0 }
 }

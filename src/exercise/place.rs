@@ -94,10 +94,11 @@ impl Site {
             }
             Frame::Geographic => {
                 let georeference = self.georeference.ok_or(PlaceError::NoGeoreference)?;
-                if !georeference.has_geographic() {
-                    return Err(PlaceError::NotGeographic);
-                }
-                let [x, y] = georeference.map_from_geographic(x, y).ok_or(PlaceError::BeyondProjection([x, y]))?;
+                let map = georeference.map_from_geographic(x, y).ok_or_else(|| match georeference.has_geographic() {
+                    true => PlaceError::BeyondProjection([x, y]),
+                    false => PlaceError::NotGeographic,
+                });
+                let [x, y] = map?;
                 georeference.grid_from_map(x, y)
             }
         };

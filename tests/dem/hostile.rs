@@ -3,7 +3,7 @@
 //!
 //! `tests/dem_memory.rs` runs the same samples and measures what they make the readers allocate.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use sightline::dem::{DemError, MAX_HEIGHT_M};
@@ -43,6 +43,18 @@ pub(crate) fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
         assert!(row.iter().all(|h| h.is_nan() || h.abs() <= MAX_HEIGHT_M));
     }
     Ok(())
+}
+
+/// Writes an input of a fuzz target under the name by which that reads it; `None` when it is no input.
+pub(crate) fn put_input(folder: &Folder, name: &str, bytes: &[u8]) -> Option<PathBuf> {
+    if name != "grid.bil" {
+        return Some(folder.put(name, bytes));
+    }
+    // A length of two bytes, and so many of the header.
+    let (length, rest) = bytes.split_first_chunk::<2>()?;
+    let (header, samples) = rest.split_at_checked(u16::from_le_bytes(*length).into())?;
+    folder.put("grid.hdr", header);
+    Some(folder.put(name, samples))
 }
 
 /// Tries every mutation of `sample`; gives how many were still read.
@@ -181,17 +193,7 @@ fn the_kept_corpus_of_each_reader_is_errors_or_rasters() {
         let mut read = 0;
         for entry in std::fs::read_dir(corpus.join(target)).unwrap() {
             let path = entry.unwrap().path();
-            let mut content = std::fs::read(&path).unwrap();
-            if target == "dem_raw" {
-                // A length of two bytes, and so many of the header.
-                let Some((length, rest)) = content.split_first_chunk::<2>() else { continue };
-                let Some((header, samples)) = rest.split_at_checked(u16::from_le_bytes(*length).into()) else {
-                    continue;
-                };
-                folder.put("grid.hdr", header);
-                content = samples.to_vec();
-            }
-            let put = folder.put(name, content);
+            let Some(put) = put_input(&folder, name, &std::fs::read(&path).unwrap()) else { continue };
             without_panics(&path.display().to_string(), || read += u32::from(try_read(&put, 64).is_ok()));
         }
         assert!(read > 0, "{target}: the samples that it starts from can be read");

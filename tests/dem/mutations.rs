@@ -14,7 +14,7 @@ use mutate::{Dice, Run, corpus, mutated};
 
 use crate::{
     Folder,
-    hostile::{try_read, without_panics},
+    hostile::{put_input, try_read, without_panics},
 };
 
 /// Inputs of a run that nobody asks to be long.
@@ -24,18 +24,6 @@ const MAX_POOL: usize = 1_000;
 /// Rows that are read of a raster.
 const ROWS: u32 = 64;
 
-/// Writes an input under the names by which a reader knows it; `None` when it is no input.
-fn put(folder: &Folder, name: &str, bytes: &[u8]) -> Option<std::path::PathBuf> {
-    if !name.starts_with("grid.bil") {
-        return Some(folder.put(name, bytes));
-    }
-    // A length of two bytes, and so many of the header.
-    let (length, rest) = bytes.split_first_chunk::<2>()?;
-    let (header, samples) = rest.split_at_checked(u16::from_le_bytes(*length).into())?;
-    folder.put("grid.hdr", header);
-    Some(folder.put(name, samples))
-}
-
 fn survives_mutations(target: &str, name: &str) {
     let run = Run::new(SHORT_RUN);
     let folder = Folder::new();
@@ -44,7 +32,7 @@ fn survives_mutations(target: &str, name: &str) {
     while run.goes_on(inputs) {
         let bytes = mutated(&mut dice, &pool);
         inputs += 1;
-        let Some(path) = put(&folder, name, &bytes) else { continue };
+        let Some(path) = put_input(&folder, name, &bytes) else { continue };
         let mut found = Ok(());
         without_panics(&format!("{target}, seed {}, input {inputs}: {bytes:02x?}", run.seed), || {
             found = try_read(&path, ROWS)
