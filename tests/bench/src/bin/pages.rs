@@ -40,14 +40,18 @@ fn main() -> Result<()> {
     let mut opened_ms: Vec<_> = (0..21).map(|_| open_ms(Path::new(path))).collect::<Result<_>>()?;
     opened_ms.sort_by(f64::total_cmp);
     println!("opened in {:.3} ms (median of 21, {:.3} at most)", opened_ms[10], opened_ms[20]);
-    println!("\nviews of {triangles} triangles: pages read, pages that what is needed would fill, pages of rows; bytes; ms");
+    println!(
+        "\nviews of {triangles} triangles: pages read, pages that what is needed would fill, pages of rows; bytes; ms"
+    );
     let mut ratios = Vec::new();
     for n in 0..views {
         ratios.push(view(Path::new(path), triangles, n)?);
     }
     ratios.sort_by(f64::total_cmp);
     println!("read of needed: {:.2} in the median, {:.2} at most", ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
-    println!("\nlines across, {LINES} each: pages read a line, directory blocks, pages of rows of its posts; ms a line");
+    println!(
+        "\nlines across, {LINES} each: pages read a line, directory blocks, pages of rows of its posts; ms a line"
+    );
     for reach in [1.0, 0.1, 0.01] {
         lines(Path::new(path), reach)?;
     }
@@ -116,7 +120,9 @@ fn view(path: &Path, triangles: u32, n: u32) -> Result<f64> {
     for &p in asked.iter() {
         let reach: i64 = if (p.i | p.j) % 2 == 0 { 0 } else { 2 };
         for (di, dj) in (-reach..=reach).flat_map(|dj| (-reach..=reach).map(move |di| (di, dj))) {
-            if di.abs() + dj.abs() <= reach && let Some(q) = p.offset(di, dj, grid.root().side()) {
+            if di.abs() + dj.abs() <= reach
+                && let Some(q) = p.offset(di, dj, grid.root().side())
+            {
                 heights.insert(grid.clamp(q));
             }
         }

@@ -1,6 +1,11 @@
 //! Lines of sight over loopback gRPC beside the same lines asked in this process: the share of the batch rate that is
 //! left, and how long single questions wait at half the greatest rate. All verdicts are compared.
 //!
+//! A server at half its peak has no room for a machine that slows down: shared machines have spans of 10 to 100 ms in which
+//! the same loads take five times as long on all cores, and questions pile up. So a fixed piece of work is timed beside the
+//! questions, and the waits of the tenths of a second in which it took longer than usual, and of those after them, are told
+//! apart.
+//!
 //! `service DATABASE ADDR [--seconds S]`: the server runs on the same database with one compute thread, best on a core of
 //! its own: `taskset -c 0 sightline serve DATABASE --threads 1`, then `taskset -c 1 service DATABASE 127.0.0.1:7410`.
 //! Without ADDR a server is started in this process, which has one compute thread for all then.
@@ -33,6 +38,14 @@ const BATCH_LINES: usize = 1_000;
 const IN_FLIGHT: usize = 8;
 /// Single questions under way when the greatest rate is sought.
 const SINGLE_IN_FLIGHT: usize = 64;
+/// Waits are told apart by windows of this length.
+const WINDOW_S: f64 = 0.1;
+/// How often the fixed piece of work is timed, what it is, and how much longer than in the median window it takes in one
+/// that is slowed.
+const PROBE_EVERY: Duration = Duration::from_millis(1);
+const PROBE_LOADS: u32 = 64;
+const PROBE_CELLS: u64 = 4 << 20;
+const SLOWED: f64 = 1.3;
 /// Ends stand so many metres above the ground.
 const ABOVE_M: f64 = 2.0;
 /// Lines that are drawn of each kind.
@@ -82,15 +95,26 @@ fn main() -> Result<()> {
     }
     let lines: Arc<[Line]> = draw(&database, 1e4)?.into();
     let peak = runtime.block_on(peak(&client, &lines, seconds))?;
-    let waits = runtime.block_on(at_rate(&client, &lines, 0.5 * peak, seconds))?;
-    let ms = |quantile| waits.value_at_quantile(quantile) as f64 * 1e-3;
     println!(
-        "single questions up to 10 km: {peak:.0} a second at most ({SINGLE_IN_FLIGHT} under way); at half of that p50 {:.3} \
-         ms, p99 {:.3}, p99.9 {:.3}, from when each was due",
-        ms(0.5),
-        ms(0.99),
-        ms(0.999)
+        "single questions up to 10 km: {peak:.0} a second at most ({SINGLE_IN_FLIGHT} under way); at half of that,"
     );
+    let windows = runtime.block_on(at_rate(&client, &lines, 0.5 * peak, seconds))?;
+    let slowed = slowed(&windows);
+    let share = |wanted| slowed.iter().filter(|&&is| is == wanted).count() as f64 / slowed.len() as f64;
+    for (name, wanted) in [("all the time", None), ("at the usual speed", Some(false)), ("slowed", Some(true))] {
+        let mut waits = Histogram::<u64>::new(3)?;
+        for (window, _) in windows.iter().zip(&slowed).filter(|(_, is)| wanted.is_none_or(|wanted| wanted == **is)) {
+            waits.add(&window.waits)?;
+        }
+        let ms = |quantile| waits.value_at_quantile(quantile) as f64 * 1e-3;
+        println!(
+            "  {name} ({:.0} % of it): p50 {:.3} ms, p99 {:.3}, p99.9 {:.3} from when each was due",
+            100.0 * wanted.map_or(1.0, share),
+            ms(0.5),
+            ms(0.99),
+            ms(0.999)
+        );
+    }
     Ok(())
 }
 
@@ -202,16 +226,60 @@ async fn peak(client: &Client, lines: &Arc<[Line]>, seconds: f64) -> Result<f64>
     Ok(asked as f64 / began.elapsed().as_secs_f64())
 }
 
-/// How long answers take, in microseconds from when each question was due. A question that has been answered is kept
-/// nowhere: ten thousand a second of them would fill memory, and its pages would be what is measured.
-async fn at_rate(client: &Client, lines: &Arc<[Line]>, hz: f64, seconds: f64) -> Result<Histogram<u64>> {
+/// A tenth of a second of questions.
+struct Window {
+    /// How long answers took, in microseconds from when each question was due.
+    waits: Histogram<u64>,
+    /// How long the fixed piece of work took, all times together.
+    probes: Duration,
+    /// How many times it was done.
+    probed: u32,
+}
+
+/// The windows in which the machine was slower than usual, and those after them, when what piled up is answered.
+fn slowed(windows: &[Window]) -> Vec<bool> {
+    let took: Vec<_> = windows.iter().map(|w| w.probes.as_secs_f64() / f64::from(w.probed.max(1))).collect();
+    let mut sorted = took.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = sorted[sorted.len() / 2];
+    let is_slow = |n: usize| took[n] > SLOWED * usual || windows[n].probed == 0;
+    (0..windows.len()).map(|n| is_slow(n) || n > 0 && is_slow(n - 1)).collect()
+}
+
+/// A fixed piece of work: loads that wait for one another, over more memory than a core's own caches hold.
+struct Probe {
+    cells: Vec<u32>,
+    at: u64,
+}
+
+impl Probe {
+    fn new() -> Self {
+        Self { cells: (0..PROBE_CELLS).map(|n| synthetic::mix(n) as u32).collect(), at: 1 }
+    }
+
+    fn took(&mut self) -> Duration {
+        let began = Instant::now();
+        for _ in 0..PROBE_LOADS {
+            self.at = synthetic::mix(self.at + u64::from(self.cells[(self.at % PROBE_CELLS) as usize]));
+        }
+        began.elapsed()
+    }
+}
+
+/// Asks at a steady rate, for whole windows. A question that has been answered is kept nowhere: ten thousand a second of
+/// them would fill memory, and its pages would be what is measured.
+async fn at_rate(client: &Client, lines: &Arc<[Line]>, hz: f64, seconds: f64) -> Result<Vec<Window>> {
     // What is left over from before, here and in the scheduler, has ended then.
     tokio::time::sleep(Duration::from_secs(2)).await;
     let (client, lines) = (client.clone(), Arc::clone(lines));
+    let in_window = (hz * WINDOW_S).ceil() as usize;
+    let count = (seconds / WINDOW_S).ceil().max(1.0) as usize;
     let (teller, mut told) = mpsc::unbounded_channel();
-    tokio::spawn(async move {
-        let began = Instant::now();
-        for n in 0..(hz * seconds) as usize {
+    let asking = tokio::spawn(async move {
+        let mut probe = Probe::new();
+        let mut probes = vec![(Duration::ZERO, 0_u32); count];
+        let (began, mut next_probe) = (Instant::now(), Instant::now());
+        for n in 0..in_window * count {
             let due = began + Duration::from_secs_f64(n as f64 / hz);
             // A timer's millisecond is too coarse.
             while Instant::now() < due {
@@ -220,16 +288,23 @@ async fn at_rate(client: &Client, lines: &Arc<[Line]>, hz: f64, seconds: f64) ->
             let (client, line, teller) = (client.clone(), lines[n % lines.len()], teller.clone());
             tokio::spawn(async move {
                 let answer = client.query(question(line)).await.map(|_| due.elapsed());
-                let _ = teller.send(answer);
+                let _ = teller.send((n / in_window, answer));
             });
+            if Instant::now() >= next_probe {
+                let (sum, times) = &mut probes[n / in_window];
+                (*sum, *times) = (*sum + probe.took(), *times + 1);
+                next_probe = Instant::now() + PROBE_EVERY;
+            }
         }
+        probes
     });
-    let mut waits = Histogram::new(3)?;
-    while let Some(wait) = told.recv().await {
-        waits.record(wait?.as_micros() as u64)?;
+    let mut waits = vec![Histogram::new(3)?; count];
+    while let Some((window, wait)) = told.recv().await {
+        waits[window].record(wait?.as_micros() as u64)?;
     }
-    if waits.len() != (hz * seconds) as u64 {
+    if waits.iter().any(|waits| waits.len() != in_window as u64) {
         return Err("questions without an answer".into());
     }
-    Ok(waits)
+    let windows = waits.into_iter().zip(asking.await?);
+    Ok(windows.map(|(waits, (probes, probed))| Window { waits, probes, probed }).collect())
 }
