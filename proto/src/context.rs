@@ -18,11 +18,13 @@ pub(crate) struct Context {
 }
 
 /// The part of the way that a context moves after `seen` bits, in units of 2^-16: 2 / (2 seen + 3), rounded down.
-const PACE: [u32; MOST_SEEN as usize + 1] = {
-    let mut pace = [0; MOST_SEEN as usize + 1];
+const PACE: [u32; 256] = {
+    let mut pace = [0; 256];
     let mut seen = 0;
-    while seen <= MOST_SEEN as usize {
-        pace[seen] = (2 << PROBABILITY_ONE_BITS) / (2 * seen as u32 + 3);
+    while seen < pace.len() {
+        // More are never counted; a table for all bytes needs no look at its length.
+        let counted = if seen < MOST_SEEN as usize { seen } else { MOST_SEEN as usize };
+        pace[seen] = (2 << PROBABILITY_ONE_BITS) / (2 * counted as u32 + 3);
         seen += 1;
     }
     pace
@@ -35,20 +37,24 @@ impl Context {
     }
 
     /// The probability of a 1 in units of 2^-16: from 32 to 2^16 - 32.
+    #[inline]
     pub(crate) fn probability(&self) -> u32 {
         self.one.into()
     }
 
+    #[inline]
     pub(crate) fn learn(&mut self, bit: bool) {
         let one = u32::from(self.one);
         let pace = PACE[usize::from(self.seen)];
+        // Towards one end, only the margin of that end can be passed.
         let moved = if bit {
-            one + ((((1 << PROBABILITY_ONE_BITS) - one) * pace) >> PROBABILITY_ONE_BITS)
+            let room = (1 << PROBABILITY_ONE_BITS) - one;
+            (one + ((room * pace) >> PROBABILITY_ONE_BITS)).min((1 << PROBABILITY_ONE_BITS) - MARGIN)
         } else {
-            one - ((one * pace) >> PROBABILITY_ONE_BITS)
+            (one - ((one * pace) >> PROBABILITY_ONE_BITS)).max(MARGIN)
         };
-        self.one = moved.clamp(MARGIN, (1 << PROBABILITY_ONE_BITS) - MARGIN) as u16;
-        self.seen = (self.seen + 1).min(MOST_SEEN);
+        self.one = moved as u16;
+        self.seen += u8::from(self.seen < MOST_SEEN);
     }
 }
 
@@ -59,7 +65,7 @@ mod tests {
     #[test]
     fn conformance_of_the_paces_and_the_first_moves() {
         assert_eq!(PACE[..4], [43_690, 26_214, 18_724, 14_563]);
-        assert_eq!(PACE[60], 1_065);
+        assert_eq!([PACE[60], PACE[61], PACE[255]], [1_065; 3]);
         let mut context = Context::expecting(128, 0);
         context.learn(true);
         assert_eq!(context.probability(), 32_768 + 21_845);

@@ -62,48 +62,49 @@ impl Heights {
         let sum = |[a, b]: [i32; 2]| i64::from(a) + i64::from(b);
         let (base, apexes) = (sum(corners.base), sum(corners.apexes));
         let foretold = (base + apexes) >> 2;
-        let off = self.difference(coder, apexes - base, length, i64::from(said) - foretold)?;
+        let off = self.difference(coder, apexes - base, length, i64::from(said) - foretold);
+        coder.check()?;
         let size = off.unsigned_abs();
         self.mean = self.mean - (self.mean >> MEAN_SHIFT) + size;
         let height = foretold + off;
         i32::try_from(height).map_err(|_| DecodeError::Height { post: p, height })
     }
 
-    fn difference<C: Coder>(&mut self, coder: &mut C, lean: i64, expected: u32, said: i64) -> Result<i64, DecodeError> {
-        let length = self.length(coder, expected, bit_length(said))?;
+    fn difference<C: Coder>(&mut self, coder: &mut C, lean: i64, expected: u32, said: i64) -> i64 {
+        let length = self.length(coder, expected, bit_length(said));
         if length == 0 {
-            return Ok(0);
+            return 0;
         }
         let steep = i64::from(bit_length(lean) >= expected) + i64::from(bit_length(lean) > expected + 1);
         let sign = 2 * steep as usize + usize::from(lean < 0);
-        let negative = coder.bit(&mut self.negative[sign], said < 0)?;
+        let negative = coder.bit(&mut self.negative[sign], said < 0);
         let mut size = 1;
         let mut left = length - 1;
         let digits = said.unsigned_abs();
         if left > 0 {
             left -= 1;
             let steps = (STEPS as u32 + length).saturating_sub(expected).min(2 * STEPS as u32 - 1) as usize;
-            let second = coder.bit(&mut self.second_bit[steps], digits >> left & 1 == 1)?;
+            let second = coder.bit(&mut self.second_bit[steps], digits >> left & 1 == 1);
             size = 2 | u64::from(second);
         }
-        size = size << left | coder.raw(left, digits & ((1 << left) - 1))?;
-        Ok(if negative { -(size as i64) } else { size as i64 })
+        size = size << left | coder.raw(left, digits & ((1 << left) - 1));
+        if negative { -(size as i64) } else { size as i64 }
     }
 
-    fn length<C: Coder>(&mut self, coder: &mut C, expected: u32, said: u32) -> Result<u32, DecodeError> {
+    fn length<C: Coder>(&mut self, coder: &mut C, expected: u32, said: u32) -> u32 {
         let context = |steps: u32| (steps as usize).min(STEPS - 1);
         let mut length = expected;
-        if expected == 0 || coder.bit(&mut self.is_long, said >= expected)? {
-            while length < MAX_LENGTH && coder.bit(&mut self.longer[context(length - expected)], said > length)? {
+        if expected == 0 || coder.bit(&mut self.is_long, said >= expected) {
+            while length < MAX_LENGTH && coder.bit(&mut self.longer[context(length - expected)], said > length) {
                 length += 1;
             }
-            return Ok(length);
+            return length;
         }
         length -= 1;
-        while length > 0 && coder.bit(&mut self.shorter[context(expected - 1 - length)], said < length)? {
+        while length > 0 && coder.bit(&mut self.shorter[context(expected - 1 - length)], said < length) {
             length -= 1;
         }
-        Ok(length)
+        length
     }
 }
 

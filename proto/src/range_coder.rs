@@ -19,12 +19,18 @@ const RAW_STEP_BITS: u32 = 8;
 
 /// One end of the line: the encoder is told what to say, the decoder tells what was said. A walk written against this
 /// is written once.
+///
+/// A decoder that has gone wrong goes on with bits that mean nothing, so that a bit costs no more than a bit; who takes
+/// them asks [`Coder::check`] before anything follows from them.
 pub(crate) trait Coder {
     /// One bit under a context, which learns from it. The decoder ignores `said`.
-    fn bit(&mut self, context: &mut Context, said: bool) -> Result<bool, DecodeError>;
+    fn bit(&mut self, context: &mut Context, said: bool) -> bool;
 
     /// A number of `width` bits, all of them equally likely. The decoder ignores `said`.
-    fn raw(&mut self, width: u32, said: u64) -> Result<u64, DecodeError>;
+    fn raw(&mut self, width: u32, said: u64) -> u64;
+
+    /// Whether everything up to here was said.
+    fn check(&self) -> Result<(), DecodeError>;
 }
 
 /// The part of `range` that belongs to a bit that is 1: at least 1, and less than `range`.
@@ -45,6 +51,7 @@ impl Encoder {
         Self { bytes: head, low: 0, range: FIRST_RANGE }
     }
 
+    #[inline]
     fn raise(&mut self, by: u32) {
         let (low, carry) = self.low.overflowing_add(by);
         self.low = low;
@@ -55,6 +62,7 @@ impl Encoder {
 
     /// Adds one to the bytes written, read as one number. They never are all 255 when it comes: the number coded stays
     /// below 1.
+    #[cold]
     fn carry(&mut self) {
         for byte in self.bytes.iter_mut().rev() {
             *byte = byte.wrapping_add(1);
@@ -64,6 +72,7 @@ impl Encoder {
         }
     }
 
+    #[inline]
     fn widen(&mut self) {
         while self.range < LEAST_RANGE {
             self.bytes.push((self.low >> 24) as u8);
@@ -97,7 +106,8 @@ fn ending(low: u32, range: u32) -> (usize, u32) {
 }
 
 impl Coder for Encoder {
-    fn bit(&mut self, context: &mut Context, said: bool) -> Result<bool, DecodeError> {
+    #[inline]
+    fn bit(&mut self, context: &mut Context, said: bool) -> bool {
         let one = part_of_one(self.range, context);
         if said {
             self.range = one;
@@ -107,10 +117,11 @@ impl Coder for Encoder {
         }
         context.learn(said);
         self.widen();
-        Ok(said)
+        said
     }
 
-    fn raw(&mut self, width: u32, said: u64) -> Result<u64, DecodeError> {
+    #[inline]
+    fn raw(&mut self, width: u32, said: u64) -> u64 {
         let mut left = width;
         while left > 0 {
             let step = left.min(RAW_STEP_BITS);
@@ -119,7 +130,11 @@ impl Coder for Encoder {
             self.raise(self.range * (said >> left & ((1 << step) - 1)) as u32);
             self.widen();
         }
-        Ok(said)
+        said
+    }
+
+    fn check(&self) -> Result<(), DecodeError> {
+        Ok(())
     }
 }
 
@@ -131,6 +146,8 @@ pub(crate) struct Decoder<'a> {
     /// What the window holds beyond the interval's lower end: always less than `range`.
     above_low: u32,
     range: u32,
+    /// A digit was met that no encoder writes.
+    is_odd: bool,
 }
 
 impl<'a> Decoder<'a> {
@@ -139,24 +156,22 @@ impl<'a> Decoder<'a> {
         if above_low == FIRST_RANGE {
             return Err(DecodeError::NotCanonical);
         }
-        Ok(Self { bytes, passed: 0, above_low, range: FIRST_RANGE })
+        Ok(Self { bytes, passed: 0, above_low, range: FIRST_RANGE, is_odd: false })
     }
 
-    fn widen(&mut self) -> Result<(), DecodeError> {
+    #[inline]
+    fn widen(&mut self) {
         while self.range < LEAST_RANGE {
             let next = self.bytes.get(self.passed + 4).copied().unwrap_or(0);
             self.passed += 1;
-            if self.passed > self.bytes.len() {
-                return Err(DecodeError::Truncated);
-            }
             self.above_low = self.above_low << 8 | u32::from(next);
             self.range <<= 8;
         }
-        Ok(())
     }
 
     /// Checks that the message ends here, in the form in which an encoder ends it.
     pub(crate) fn finish(self) -> Result<(), DecodeError> {
+        self.check()?;
         let window = window(self.bytes, self.passed);
         let (count, value) = ending(window.wrapping_sub(self.above_low), self.range);
         match self.bytes.len() - self.passed {
@@ -174,7 +189,8 @@ fn window(bytes: &[u8], at: usize) -> u32 {
 }
 
 impl Coder for Decoder<'_> {
-    fn bit(&mut self, context: &mut Context, _: bool) -> Result<bool, DecodeError> {
+    #[inline]
+    fn bit(&mut self, context: &mut Context, _: bool) -> bool {
         let one = part_of_one(self.range, context);
         let bit = self.above_low < one;
         if bit {
@@ -184,11 +200,12 @@ impl Coder for Decoder<'_> {
             self.range -= one;
         }
         context.learn(bit);
-        self.widen()?;
-        Ok(bit)
+        self.widen();
+        bit
     }
 
-    fn raw(&mut self, width: u32, _: u64) -> Result<u64, DecodeError> {
+    #[inline]
+    fn raw(&mut self, width: u32, _: u64) -> u64 {
         let mut value = 0;
         let mut left = width;
         while left > 0 {
@@ -197,14 +214,21 @@ impl Coder for Decoder<'_> {
             self.range >>= step;
             let digit = self.above_low / self.range;
             // The range's remainder that no digit names.
-            if digit >> step != 0 {
-                return Err(DecodeError::NotCanonical);
-            }
+            self.is_odd |= digit >> step != 0 && self.passed <= self.bytes.len();
             self.above_low -= digit * self.range;
-            value = value << step | u64::from(digit);
-            self.widen()?;
+            value = value << step | u64::from(digit & ((1 << step) - 1));
+            self.widen();
         }
-        Ok(value)
+        value
+    }
+
+    #[inline]
+    fn check(&self) -> Result<(), DecodeError> {
+        match self.is_odd {
+            true => Err(DecodeError::NotCanonical),
+            false if self.passed > self.bytes.len() => Err(DecodeError::Truncated),
+            false => Ok(()),
+        }
     }
 }
 
@@ -219,9 +243,10 @@ mod tests {
         let mut said = Vec::new();
         for &(kind, value) in symbols {
             said.push(match kind {
-                0..4 => coder.bit(&mut contexts[usize::from(kind)], value & 1 == 1)?.into(),
-                width => coder.raw(width.into(), value & ((1 << width) - 1))?,
+                0..4 => coder.bit(&mut contexts[usize::from(kind)], value & 1 == 1).into(),
+                width => coder.raw(width.into(), value & ((1 << width) - 1)),
             });
+            coder.check()?;
         }
         Ok(said)
     }

@@ -52,6 +52,8 @@ pub(crate) trait State {
 const FIRST_LENGTH: u32 = 6;
 /// The corner that is missing when the border cuts a diamond: its second apex.
 const SECOND_APEX: usize = 2;
+/// The children that are missing then, bit k for child k: those between it and the ends of the base.
+const BESIDE_SECOND_APEX: u32 = 0b0110;
 
 /// A post and its height.
 #[derive(Clone, Copy)]
@@ -79,11 +81,12 @@ struct Visit {
     new: bool,
 }
 
-/// An active child of the post visited.
-#[derive(Clone, Copy)]
-struct Child {
-    at: Known,
-    new: bool,
+/// The four children of the post visited: child k lies between corners k and k + 1, and bit k of a set stands for it.
+struct Children {
+    /// What is known of the active ones; of others it means nothing.
+    at: [Known; 4],
+    active: u32,
+    new: u32,
 }
 
 /// What has been said of the places of one visit.
@@ -191,6 +194,7 @@ pub(crate) fn walk(
         visits.clear();
         levels.rotate_left(1);
     }
+    walk.coder.check()?;
     // Nothing hangs on the posts of the last two levels, so none of the base can have been touched but to be removed.
     let is_touched_in_vain = levels.iter().flatten().any(|visit| !visit.new);
     if is_touched_in_vain { Err(DecodeError::NotCanonical) } else { Ok(()) }
@@ -218,33 +222,37 @@ impl<C: Coder, S: State> Walk<'_, C, S> {
 
     fn visit(&mut self, visit: &Visit, found: &mut Vec<Visit>) -> Result<(), DecodeError> {
         let children = self.children(&visit.diamond);
-        let is_place = places(&visit.diamond, &children);
-        let last = is_place.iter().rposition(|&is| is);
-        let active = children.iter().flatten().count();
+        let mut places = places(&visit.diamond, &children);
+        let active = children.active.count_ones() as usize;
         let (mut bits, mut changed) = (1, visit.new);
-        for k in (0..4).filter(|&k| is_place[k]) {
-            let apexes = [children[(k + 3) % 4], children[k]];
+        while places != 0 {
+            let k = places.trailing_zeros();
+            places &= places - 1;
             let said = Said {
                 children: active,
                 bits,
-                must_change: !changed && last == Some(k),
-                fresh: visit.new || apexes.iter().flatten().any(|c| c.new),
+                must_change: !changed && places == 0,
+                fresh: visit.new || children.new & (1 << before(k) | 1 << k) != 0,
             };
             let length = if self.is_delta { expected_length(visit, &children, k) } else { 0 };
-            let bit = self.place(diamond_at(visit, apexes, k), length, said, found)?;
+            let bit = self.place(diamond_at(visit, &children, k), length, said, found)?;
             bits = bits << 1 | usize::from(bit);
             changed |= bit;
         }
+        self.coder.check()?;
         if changed { Ok(()) } else { Err(DecodeError::NotCanonical) }
     }
 
-    /// The active ones of the four children: child k lies between corners k and k + 1.
-    fn children(&self, diamond: &Diamond) -> [Option<Child>; 4] {
-        let mut children = [None; 4];
-        for (k, child) in children.iter_mut().enumerate() {
-            if !(diamond.is_cut && is_beside_second_apex(k)) {
-                let post = midpoint(diamond.corners[k].post, diamond.corners[(k + 1) % 4].post);
-                *child = self.state.now(post).map(|(height, new)| Child { at: Known { post, height }, new });
+    fn children(&self, diamond: &Diamond) -> Children {
+        let corners = &diamond.corners;
+        let mut children = Children { at: *corners, active: 0, new: 0 };
+        let missing = u32::from(diamond.is_cut) * BESIDE_SECOND_APEX;
+        for k in (0..4).filter(|k| missing >> k & 1 == 0) {
+            let post = midpoint(corners[k].post, corners[(k + 1) % 4].post);
+            if let Some((height, new)) = self.state.now(post) {
+                children.at[k] = Known { post, height };
+                children.active |= 1 << k;
+                children.new |= u32::from(new) << k;
             }
         }
         children
@@ -266,7 +274,7 @@ impl<C: Coder, S: State> Walk<'_, C, S> {
                 true => &mut self.model.active[16 * (said.children - 1) + said.bits],
                 false => &mut self.model.added[said.children],
             };
-            if !said.must_change && !self.coder.bit(context, wanted.is_some())? {
+            if !said.must_change && !self.coder.bit(context, wanted.is_some()) {
                 return Ok(false);
             }
             let height = self.height(&diamond, length, wanted.unwrap_or(0))?;
@@ -277,10 +285,10 @@ impl<C: Coder, S: State> Walk<'_, C, S> {
         let (children, size) = self.below(&diamond);
         let touched = &mut self.model.touched[size][said.turn()];
         let is_touched = wanted.is_none() || self.state.is_changed_below(p);
-        if !said.must_change && !self.coder.bit(touched, is_touched)? {
+        if !said.must_change && !self.coder.bit(touched, is_touched) {
             return Ok(false);
         }
-        if self.coder.bit(&mut self.model.removed[children], wanted.is_none())? {
+        if self.coder.bit(&mut self.model.removed[children], wanted.is_none()) {
             self.state.remove(p);
         } else {
             found.push(Visit { diamond, height, new: false });
@@ -309,27 +317,31 @@ impl<C: Coder, S: State> Walk<'_, C, S> {
     }
 }
 
-/// Whether child k of a diamond is one that is missing when the border cuts it.
-fn is_beside_second_apex(k: usize) -> bool {
-    k == SECOND_APEX || k + 1 == SECOND_APEX
+/// The number before `k`, going round.
+fn before(k: u32) -> u32 {
+    (k + 3) % 4
 }
 
 /// Towards which corners there is a place: where the children on both sides are active, as far as they exist.
-fn places(diamond: &Diamond, children: &[Option<Child>; 4]) -> [bool; 4] {
-    let open = [0, 1, 2, 3].map(|k| children[k].is_some() || (diamond.is_cut && is_beside_second_apex(k)));
-    [0, 1, 2, 3].map(|k| open[(k + 3) % 4] && open[k] && !(diamond.is_cut && k == SECOND_APEX))
+fn places(diamond: &Diamond, children: &Children) -> u32 {
+    let cut = u32::from(diamond.is_cut);
+    let open = children.active | cut * BESIDE_SECOND_APEX;
+    // Bit k of the turned ones is that of child k - 1.
+    let turned = (open << 1 | open >> 3) & 0b1111;
+    open & turned & !(cut << SECOND_APEX)
 }
 
-/// The diamond at the place towards corner `k`, between the children `apexes`, of which the border may have cut one.
-fn diamond_at(visit: &Visit, apexes: [Option<Child>; 2], k: usize) -> Diamond {
+/// The diamond at the place towards corner `k`, between child k - 1 and child k, of which the border may have cut one.
+fn diamond_at(visit: &Visit, children: &Children, k: u32) -> Diamond {
     let on = Known { post: visit.diamond.post, height: visit.height };
-    let corner = visit.diamond.corners[k];
-    let (first, second) = (apexes[0].or(apexes[1]), apexes[1].or(apexes[0]));
-    let apex = |c: Option<Child>| c.map_or(on, |c| c.at);
+    let corner = visit.diamond.corners[k as usize % 4];
+    let is_there = |child: u32| children.active >> child & 1 == 1;
+    let (first, second) = (before(k), k);
+    let child = |child: u32, other: u32| children.at[if is_there(child) { child } else { other } as usize % 4];
     Diamond {
         post: midpoint(on.post, corner.post),
-        corners: [apex(first), on, apex(second), corner],
-        is_cut: apexes.iter().any(Option::is_none),
+        corners: [child(first, second), on, child(second, first), corner],
+        is_cut: !(is_there(first) && is_there(second)),
     }
 }
 
@@ -339,17 +351,15 @@ fn midpoint(a: Post, b: Post) -> Post {
 
 /// The bit length of the mean of what the split of the post visited, and of those of the apexes of place `k`, changed:
 /// their heights above the midpoints of their bases.
-fn expected_length(visit: &Visit, children: &[Option<Child>; 4], k: usize) -> u32 {
+fn expected_length(visit: &Visit, children: &Children, k: u32) -> u32 {
     let c = &visit.diamond.corners;
     let above = |height: i32, a: Known, b: Known| {
         (i64::from(height) - ((i64::from(a.height) + i64::from(b.height)) >> 1)).abs()
     };
     let (mut sum, mut count) = (above(visit.height, c[1], c[3]), 1);
-    for k in [(k + 3) % 4, k] {
-        if let Some(child) = children[k] {
-            sum += above(child.at.height, c[k], c[(k + 1) % 4]);
-            count += 1;
-        }
+    for k in [before(k), k].into_iter().filter(|k| children.active >> k & 1 == 1).map(|k| k as usize) {
+        sum += above(children.at[k].height, c[k], c[(k + 1) % 4]);
+        count += 1;
     }
     bit_length(sum / count)
 }
