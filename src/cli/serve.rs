@@ -5,6 +5,7 @@ use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
     sync::Arc,
+    time::{SystemTime, UNIX_EPOCH},
 };
 
 use serde_json::json;
@@ -40,7 +41,8 @@ pub(super) struct Args {
     /// Keep exercises in this file, so that they are there when the server is started anew; made when there is none.
     #[arg(long, value_name = "F")]
     state: Option<String>,
-    /// Record all that happens to views in this new file, so that `sightline replay` can make every frame anew.
+    /// Record all that happens to views in this new file, so that `sightline replay` can make every frame anew; in a
+    /// folder, each start makes a file of its own, named by the time.
     #[arg(long, value_name = "F")]
     record: Option<String>,
     /// Greatest size of that file in MiB; then the recording ends, and the server goes on [default: 1024].
@@ -124,11 +126,17 @@ fn store(path: &Path, database: &Database) -> Result<DiskStore, Failure> {
     Ok(store)
 }
 
-/// A recording in a new file: one that exists is never written over, nor appended to.
+/// A recording in a new file: one that exists is never written over, nor appended to. In a folder it is named by the
+/// time, so that a server that is started again begins another.
 fn recording(path: &Path, limit_mib: u32) -> Result<Recording, Failure> {
-    let opened = std::fs::OpenOptions::new().write(true).create_new(true).open(path);
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis());
+    let path = if path.is_dir() { path.join(format!("{now}.journal")) } else { path.to_owned() };
+    let opened = std::fs::OpenOptions::new().write(true).create_new(true).open(&path);
     let sink = opened.map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => Failure::Environment(format!("{} exists: record to a new file", path.display())),
+        ErrorKind::AlreadyExists => Failure::Environment(format!(
+            "{} exists: record to a new file, or into a folder, where each start makes one",
+            path.display()
+        )),
         _ => Failure::environment(format_args!("recording to {}", path.display()), error),
     })?;
     tracing::info!(file = %path.display(), limit_mib, "recording");

@@ -30,12 +30,15 @@ impl Args {
 fn document(s: &v1::GetStatusResponse) -> serde_json::Value {
     let limits: serde_json::Map<_, _> =
         s.limits.iter().map(|l| (l.name.clone(), serde_json::json!({ "used": l.used, "limit": l.limit }))).collect();
+    let recording = s.recording.as_ref().map(
+        |r| serde_json::json!({ "bytes": r.bytes, "limit_bytes": r.limit_bytes, "ended": (!r.ended.is_empty()).then_some(&r.ended) }),
+    );
     serde_json::json!({
         "version": s.version, "uptime_s": s.uptime_s, "serving": s.serving, "troubles": s.troubles, "limits": limits,
         "calls": s.calls, "refused_calls": s.refused_calls, "frames": s.frames, "frame_median_ms": s.frame_median_ms,
         "frame_p99_ms": s.frame_p99_ms, "queue_age_ms": s.queue_age_ms, "visible": s.visible, "blocked": s.blocked,
         "unknown": s.unknown, "exact_signs": s.exact_signs, "unsatisfied_lines": s.unsatisfied_lines,
-        "received_bytes": s.received_bytes, "sent_bytes": s.sent_bytes,
+        "received_bytes": s.received_bytes, "sent_bytes": s.sent_bytes, "recording": recording,
     })
 }
 
@@ -59,4 +62,8 @@ fn tell(s: &v1::GetStatusResponse) {
     outln!("exact signs  {}, {share:.4} a line asked (those of frames included)", s.exact_signs);
     outln!("unsatisfied  {} lines over all views", s.unsatisfied_lines);
     outln!("bytes        {} received, {} sent", s.received_bytes, s.sent_bytes);
+    if let Some(recording) = &s.recording {
+        let how = if recording.ended.is_empty() { "goes on" } else { recording.ended.as_str() };
+        outln!("recording    {} of {} bytes; {how}", recording.bytes, recording.limit_bytes);
+    }
 }

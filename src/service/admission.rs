@@ -1,7 +1,11 @@
 //! What each call passes before its service sees it: it gets an id, its caller is found, its right and its rate are
-//! checked, and how it began to be answered is counted and logged.
+//! checked, the bytes of its request are counted, and how it began to be answered is counted and logged.
 
-use std::{net::IpAddr, sync::Arc, time::Instant};
+use std::{
+    net::IpAddr,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use axum::{
     extract::{Request, State},
@@ -15,6 +19,7 @@ use tracing::Instrument;
 use super::{
     ServedTerrain, Shared,
     access::{self, Caller},
+    bodies::Hold,
     connections::Peer,
     limits::limited,
 };
@@ -38,11 +43,17 @@ pub(super) async fn admit<T: ServedTerrain>(
     let span = tracing::info_span!("call", method = path, id = id.to_str().unwrap_or_default(), client);
     let admitted = caller.and_then(|caller| {
         shared.accounts.call(&caller.name, began)?;
+        let hold = Hold::new(shared.accounts.bytes_seat(&caller.name));
         request.extensions_mut().insert(caller);
-        Ok(request)
+        let limit = Duration::from_secs_f64(shared.limits.receiving_s);
+        Ok((request.map(|body| hold.count(body, limit)), hold))
     });
     let mut response = match admitted {
-        Ok(request) => next.run(request).instrument(span.clone()).await,
+        Ok((request, hold)) => {
+            let response = next.run(request).instrument(span.clone()).await;
+            hold.answered();
+            response
+        }
         Err(status) => answer(&status),
     };
     let mut code = code_of(response.headers());

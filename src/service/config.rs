@@ -22,7 +22,8 @@ pub struct Config {
     pub draining_s: f64,
     /// File that keeps exercises across restarts, made when there is none; empty: they end with the server.
     pub state: String,
-    /// New file for a recording of all that happens to views, for `sightline replay`; empty: none.
+    /// New file for a recording of all that happens to views, for `sightline replay`, or a folder in which each start
+    /// makes one; empty: none.
     pub record: String,
     /// Greatest size of the recording in MiB. When it is reached the recording ends, and the server goes on.
     pub record_limit_mib: u32,

@@ -43,6 +43,12 @@ pub struct Limits {
     pub things_per_exercise: usize,
     /// Bytes of one request.
     pub request_bytes: usize,
+    /// Bytes of requests that are received or wait to be answered.
+    pub bytes_under_way: u64,
+    /// Such bytes of one client.
+    pub bytes_under_way_per_client: u64,
+    /// Seconds within which a request must arrive whole, from 0.1 to 86,400.
+    pub receiving_s: f64,
     /// Lines of one batch; at most 250,000.
     pub batch_lines: usize,
     /// Seconds for which a connection may say nothing before its first call, from 0.1 to 86,400; then it is ended.
@@ -66,6 +72,9 @@ impl Default for Limits {
             triangles_per_view: MAX_TRIANGLES,
             things_per_exercise: 120_000,
             request_bytes: MAX_REQUEST_BYTES,
+            bytes_under_way: 512 << 20,
+            bytes_under_way_per_client: 256 << 20,
+            receiving_s: 60.0,
             batch_lines: MAX_BATCH_LINES,
             silence_s: 30.0,
             calls_per_s: 50_000,
@@ -95,8 +104,18 @@ impl Limits {
         if let Some((name, _)) = least.iter().find(|(_, value)| *value == 0) {
             return Err(format!("limits.{name} is 0: nothing could be served"));
         }
-        if !(0.1..=86_400.0).contains(&self.silence_s) {
-            return Err(format!("limits.silence_s is {}; it must be from 0.1 to 86400", self.silence_s));
+        for (name, seconds) in [("silence_s", self.silence_s), ("receiving_s", self.receiving_s)] {
+            if !(0.1..=86_400.0).contains(&seconds) {
+                return Err(format!("limits.{name} is {seconds}; it must be from 0.1 to 86400"));
+            }
+        }
+        let under_way = [
+            ("bytes_under_way", self.bytes_under_way),
+            ("bytes_under_way_per_client", self.bytes_under_way_per_client),
+        ];
+        if let Some((name, most)) = under_way.iter().find(|(_, most)| *most < self.request_bytes as u64) {
+            let bytes = self.request_bytes;
+            return Err(format!("limits.{name} is {most}: no request of limits.request_bytes, {bytes}, could arrive"));
         }
         let most = [
             ("triangles_per_view", u64::from(self.triangles_per_view), u64::from(MAX_TRIANGLES)),
@@ -123,13 +142,15 @@ struct Account {
     views: u64,
     watches: u64,
     triangles: u64,
+    /// Of requests under way.
+    bytes: u64,
     calls: Option<Bucket>,
 }
 
 impl Account {
     /// Whether nothing of it is in use.
     fn is_idle(&self, now: Instant) -> bool {
-        self.views + self.watches == 0 && self.calls.is_none_or(|calls| calls.is_full(now))
+        self.views + self.watches + self.bytes == 0 && self.calls.is_none_or(|calls| calls.is_full(now))
     }
 }
 
@@ -206,6 +227,16 @@ impl Accounts {
         self.books().all.watches
     }
 
+    /// Takes a place for the bytes of a request of `client`; it has none yet.
+    pub(super) fn bytes_seat(self: &Arc<Self>, client: &Arc<str>) -> BytesSeat {
+        BytesSeat { accounts: Arc::clone(self), client: Arc::clone(client), bytes: 0 }
+    }
+
+    /// Bytes of requests under way.
+    pub(super) fn bytes(&self) -> u64 {
+        self.books().all.bytes
+    }
+
     /// Views and their triangles in use.
     pub(super) fn used(&self) -> (u64, u64) {
         let all = self.books().all;
@@ -259,6 +290,53 @@ impl Books {
             }
         }
         Ok(self.clients.entry(Arc::clone(client)).or_default())
+    }
+}
+
+/// The bytes that a request holds. Dropping it gives them back.
+#[derive(Debug)]
+pub(super) struct BytesSeat {
+    accounts: Arc<Accounts>,
+    client: Arc<str>,
+    bytes: u64,
+}
+
+impl BytesSeat {
+    /// Holds so many more, or says which limit is in the way.
+    pub(super) fn add(&mut self, bytes: u64) -> Result<(), Status> {
+        let limits = &self.accounts.limits;
+        let mut books = self.accounts.books();
+        let all = books.all.bytes + bytes;
+        let own = books.account(&self.client, Instant::now())?.bytes + bytes;
+        let (most, most_own) = (limits.bytes_under_way, limits.bytes_under_way_per_client);
+        if all > most {
+            return Err(limited("bytes_under_way", "bytes of requests under way", all, most));
+        }
+        if own > most_own {
+            let what = "bytes of this client's requests under way";
+            return Err(limited("bytes_under_way_per_client", what, own, most_own));
+        }
+        books.all.bytes = all;
+        books.account(&self.client, Instant::now())?.bytes = own;
+        self.bytes += bytes;
+        Ok(())
+    }
+
+    /// Holds no more than so many.
+    pub(super) fn keep(&mut self, bytes: u64) {
+        let less = self.bytes.saturating_sub(bytes);
+        self.bytes -= less;
+        let mut books = self.accounts.books();
+        books.all.bytes -= less;
+        if let Some(account) = books.clients.get_mut(&self.client) {
+            account.bytes -= less;
+        }
+    }
+}
+
+impl Drop for BytesSeat {
+    fn drop(&mut self) {
+        self.keep(0);
     }
 }
 
@@ -390,6 +468,23 @@ mod tests {
     }
 
     #[test]
+    fn bytes_under_way_are_counted_by_client_and_in_all() {
+        let limits =
+            Limits { request_bytes: 60, bytes_under_way: 100, bytes_under_way_per_client: 60, ..Limits::default() };
+        let (accounts, a, b) = (Accounts::new(limits), "a".into(), "b".into());
+        let [mut first, mut second, mut third] = [&a, &a, &b].map(|client| accounts.bytes_seat(client));
+        first.add(40).unwrap();
+        refused(second.add(21), "bytes_under_way_per_client");
+        second.add(20).unwrap();
+        refused(third.add(41), "bytes_under_way");
+        first.keep(5);
+        third.add(41).unwrap();
+        assert_eq!(accounts.bytes(), 66);
+        drop((first, second, third));
+        assert_eq!(accounts.bytes(), 0);
+    }
+
+    #[test]
     fn calls_are_counted_by_client_and_in_all() {
         let (accounts, a, b) = accounts();
         let start = Instant::now();
@@ -411,5 +506,7 @@ mod tests {
             let limits = Limits { silence_s, ..Limits::default() };
             assert!(limits.check().unwrap_err().contains("limits.silence_s"));
         }
+        let narrow = Limits { bytes_under_way: 1 << 20, ..Limits::default() };
+        assert!(narrow.check().unwrap_err().contains("limits.bytes_under_way is 1048576"));
     }
 }

@@ -9,6 +9,7 @@
 
 mod access;
 mod admission;
+mod bodies;
 mod clock;
 pub mod config;
 mod connections;
@@ -265,6 +266,11 @@ impl<T: ServedTerrain> Shared<T> {
             queue_age,
             queue_length,
             is_serving: self.troubles().is_empty(),
+            recording: self.journal.as_ref().map_or((false, 0), |journal| {
+                let state = journal.state();
+                (state.ended.is_none(), state.bytes)
+            }),
+            bytes_under_way: self.accounts.bytes(),
         }
     }
 }

@@ -6,6 +6,7 @@ use sightline_proto::v1::{self, operation_service_server::OperationService};
 use tonic::{Request, Response, Status};
 
 use super::{ServedTerrain, Service, Shared};
+use crate::session::journal::JournalState;
 
 #[tonic::async_trait]
 impl<T: ServedTerrain> OperationService for Service<T> {
@@ -28,12 +29,17 @@ fn status<T: ServedTerrain>(shared: &Shared<T>) -> v1::GetStatusResponse {
         troubles: shared.troubles(),
         ..Default::default()
     };
+    status.recording = shared.journal.as_ref().map(|journal| {
+        let JournalState { bytes, limit_bytes, ended } = journal.state();
+        v1::RecordingState { bytes, limit_bytes, ended: ended.unwrap_or_default() }
+    });
     shared.metrics.fill(&mut status, now);
     status.limits = vec![
         limit("connections", status.connections, limits.connections as u64),
         limit("views", now.views, limits.views as u64),
         limit("verdict_watches", now.verdict_watches, limits.verdict_watches as u64),
         limit("triangles", now.triangles, limits.triangles),
+        limit("bytes_under_way", shared.accounts.bytes(), limits.bytes_under_way),
         limit("exercises", now.exercises, crate::store::MAX_EXERCISES as u64),
     ];
     status

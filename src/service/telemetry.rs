@@ -89,6 +89,9 @@ pub(super) struct Metrics {
     queue_length: Gauge,
     exact: Gauge<u64, AtomicU64>,
     serving: Gauge,
+    recording: Gauge,
+    recorded: Gauge,
+    under_way: Gauge,
     /// Connections now.
     pub(super) connections: Gauge<i64, AtomicI64>,
     /// Bytes over all connections.
@@ -117,6 +120,10 @@ pub(super) struct Moment {
     pub(super) queue_age: Duration,
     pub(super) queue_length: usize,
     pub(super) is_serving: bool,
+    /// Whether what happens is being recorded, and the bytes recorded.
+    pub(super) recording: (bool, u64),
+    /// Of requests.
+    pub(super) bytes_under_way: u64,
 }
 
 impl Metrics {
@@ -145,6 +152,9 @@ impl Metrics {
             queue_length: Gauge::default(),
             exact: Gauge::default(),
             serving: Gauge::default(),
+            recording: Gauge::default(),
+            recorded: Gauge::default(),
+            under_way: Gauge::default(),
             connections: Gauge::default(),
             received: Counter::default(),
             sent: Counter::default(),
@@ -181,6 +191,9 @@ impl Metrics {
         r.register_with_unit("queue_age", "Wait of the oldest work", Unit::Seconds, self.queue_age.clone());
         r.register("queue_length", "Work that waits for a core", self.queue_length.clone());
         r.register("serving", "1 while the server is healthy", self.serving.clone());
+        r.register("recording", "1 while what happens to views is recorded", self.recording.clone());
+        r.register_with_unit("recorded", "Bytes recorded", Unit::Bytes, self.recorded.clone());
+        r.register_with_unit("under_way", "Bytes of requests under way", Unit::Bytes, self.under_way.clone());
         r.register("connections", "Open connections", self.connections.clone());
         r.register("silent_connections", "Connections ended for saying nothing", self.silent_connections.clone());
         r.register_with_unit("received", "Bytes received", Unit::Bytes, self.received.clone());
@@ -248,6 +261,9 @@ impl Metrics {
         gauge(&self.exercises, now.exercises);
         gauge(&self.queue_length, now.queue_length as u64);
         gauge(&self.serving, now.is_serving.into());
+        gauge(&self.recording, now.recording.0.into());
+        gauge(&self.recorded, now.recording.1);
+        gauge(&self.under_way, now.bytes_under_way);
         self.queue_age.set(now.queue_age.as_secs_f64());
         self.exact.set(exact_signs());
         let mut page = String::new();

@@ -165,12 +165,22 @@ pub struct Journal {
     end: Box<dyn Fn(&JournalEnd) + Send + Sync>,
 }
 
+/// How a journal is.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct JournalState {
+    /// Its bytes.
+    pub bytes: u64,
+    /// The most that it may have.
+    pub limit_bytes: u64,
+    /// Why it ended before its server, if it did.
+    pub ended: Option<String>,
+}
+
 struct Log {
     /// Absent once the journal has ended.
     sink: Option<Box<dyn Write + Send>>,
     number: u64,
-    bytes: u64,
-    limit_bytes: u64,
+    state: JournalState,
 }
 
 impl Journal {
@@ -182,7 +192,8 @@ impl Journal {
         terrain: &[u8],
         end: Box<dyn Fn(&JournalEnd) + Send + Sync>,
     ) -> Self {
-        let log = Log { sink: Some(sink), number: 0, bytes: 0, limit_bytes: limit_bytes.max(MIN_JOURNAL_BYTES) };
+        let state = JournalState { bytes: 0, limit_bytes: limit_bytes.max(MIN_JOURNAL_BYTES), ended: None };
+        let log = Log { sink: Some(sink), number: 0, state };
         let journal = Self { order: Mutex::default(), log: Mutex::new(log), views: AtomicU64::new(0), end };
         let program = env!("CARGO_PKG_VERSION").to_owned();
         journal.append(Entry::Began { terrain: terrain.to_vec(), program });
@@ -195,9 +206,19 @@ impl Journal {
         self.order.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    // Each change of it is complete.
+    fn log(&self) -> MutexGuard<'_, Log> {
+        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How it is.
+    pub fn state(&self) -> JournalState {
+        self.log().state.clone()
+    }
+
     /// Writes down what happened.
     pub fn append(&self, entry: Entry) {
-        let ended = self.log.lock().unwrap_or_else(PoisonError::into_inner).append(entry);
+        let ended = self.log().append(entry);
         if let Some(why) = ended {
             (self.end)(&why);
         }
@@ -230,21 +251,22 @@ impl Log {
     /// Why the journal ended with this entry, if it did so before its time.
     fn append(&mut self, entry: Entry) -> Option<JournalEnd> {
         let is_end = matches!(entry, Entry::Ended { .. });
-        let sink = self.sink.as_mut()?;
+        let (sink, state) = (self.sink.as_mut()?, &mut self.state);
         let failed = |why: String| Some(JournalEnd::Failed(why));
         let written = match seal(self.number, entry) {
-            Ok(bytes) if is_end || self.bytes + bytes.len() as u64 + END_BYTES <= self.limit_bytes => {
-                self.bytes += bytes.len() as u64;
+            Ok(bytes) if is_end || state.bytes + bytes.len() as u64 + END_BYTES <= state.limit_bytes => {
+                state.bytes += bytes.len() as u64;
                 self.number += 1;
                 sink.write_all(&bytes).and_then(|()| sink.flush()).map_or_else(|e| failed(e.to_string()), |()| None)
             }
             Ok(_) => {
                 let end = seal(self.number, Entry::Ended { is_full: true }).map_err(io::Error::other);
                 let _ = end.and_then(|end| sink.write_all(&end)).and_then(|()| sink.flush());
-                Some(JournalEnd::Full(self.limit_bytes))
+                Some(JournalEnd::Full(state.limit_bytes))
             }
             Err(error) => failed(error.to_string()),
         };
+        state.ended = written.as_ref().map(JournalEnd::to_string);
         if is_end || written.is_some() {
             self.sink = None;
         }

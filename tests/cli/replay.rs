@@ -45,6 +45,18 @@ fn a_killed_server_is_replayed_and_what_does_not_fit_is_refused() {
 
     let again = sightline(&["serve", &database, "--record", record]);
     assert_eq!(status(&again), 4, "a recording is never written over");
+    // In a folder, each start makes one.
+    let records = folder.path().join("records");
+    fs::create_dir(&records).unwrap();
+    for started in 1..=2 {
+        let (mut server, address) = Server::start_with(&database, &["--record", records.to_str().unwrap()]);
+        let told = sightline(&["status", &address, "--json"]);
+        let told: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+        assert!(told["recording"]["bytes"].as_u64() > Some(0) && told["recording"]["ended"].is_null(), "{told}");
+        server.0.kill().unwrap();
+        server.0.wait().unwrap();
+        assert_eq!(fs::read_dir(&records).unwrap().count(), started);
+    }
     let replay = |record: &str, database: &str| sightline(&["replay", record, "--db", database, "--json"]);
     let whole = replay(record, &database);
     assert_eq!(status(&whole), 0, "{}", text(&whole.stderr));

@@ -293,6 +293,72 @@ async fn floods_and_greed_are_refused_by_the_name_of_the_limit() {
     frame(&mut view).await;
 }
 
+/// The beginning of a request, and no end.
+struct Begun(Option<Vec<u8>>);
+
+impl http_body::Body for Begun {
+    type Data = prost::bytes::Bytes;
+    type Error = tonic::Status;
+
+    fn poll_frame(
+        mut self: std::pin::Pin<&mut Self>,
+        _: &mut std::task::Context<'_>,
+    ) -> std::task::Poll<Option<Result<http_body::Frame<Self::Data>, tonic::Status>>> {
+        match self.0.take() {
+            Some(bytes) => std::task::Poll::Ready(Some(Ok(http_body::Frame::data(bytes.into())))),
+            None => std::task::Poll::Pending,
+        }
+    }
+}
+
+/// Requests that begin and do not end hold no more memory than is allowed, and not for ever; a view may be silent.
+#[tokio::test]
+async fn requests_that_drip_are_counted_and_ended() {
+    let limits = Limits {
+        request_bytes: 100_000,
+        bytes_under_way_per_client: 150_000,
+        bytes_under_way: 400_000,
+        receiving_s: 0.6,
+        ..Limits::default()
+    };
+    let running = Running::start(TestTerrain::new(None), limits).await;
+    let client = running.client().await;
+    let mut view = client.open_view("", settings(300), pose(1.0, 1.0)).await.unwrap();
+    frame(&mut view).await;
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
+    let channel = endpoint.connect().await.unwrap();
+    // A message of 90,000 bytes of which 80,000 come.
+    let begun = [&[0][..], &90_000_u32.to_be_bytes(), &vec![0; 80_000]].concat();
+    let ask = |body: Vec<u8>| {
+        let mut channel = channel.clone();
+        let uri = format!("http://{}/sightline.v1.TerrainService/GetHeights", running.address);
+        let request = tonic::codegen::http::Request::post(uri).header("content-type", "application/grpc");
+        let request = request.body(tonic::body::Body::new(Begun(Some(body)))).unwrap();
+        async move {
+            std::future::poll_fn(|cx| tonic::codegen::Service::poll_ready(&mut channel, cx)).await.unwrap();
+            let response = timeout(PATIENCE, tonic::codegen::Service::call(&mut channel, request)).await;
+            tonic::Status::from_header_map(response.expect("an end").unwrap().headers()).expect("a status")
+        }
+    };
+    let used = async || {
+        let limits = client.status().await.unwrap().limits;
+        limits.iter().find(|limit| limit.name == "bytes_under_way").unwrap().used
+    };
+    let first = tokio::spawn(ask(begun.clone()));
+    let held = async {
+        while used().await < 80_000 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    timeout(PATIENCE, held).await.expect("it is counted");
+    refusal::<()>(Err(ask(begun).await.into()), Code::ResourceExhausted, "limits.bytes_under_way_per_client");
+    refusal::<()>(Err(first.await.unwrap().into()), Code::DeadlineExceeded, "limits.receiving_s");
+    refusal::<()>(Err(ask(Vec::new()).await.into()), Code::DeadlineExceeded, "limits.receiving_s");
+    assert!(used().await < 1_000, "what has ended holds nothing");
+    view.steer(pose(900.0, 900.0)).await.unwrap();
+    frame(&mut view).await;
+}
+
 #[tokio::test]
 async fn a_view_keeps_the_pace_that_its_client_chose_and_says_so() {
     let (running, _client) = started().await;

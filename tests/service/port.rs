@@ -77,7 +77,7 @@ impl Answer {
     }
 }
 
-async fn get(address: &str, path: &str) -> (String, String) {
+pub(super) async fn get(address: &str, path: &str) -> (String, String) {
     let mut answer = Answer::to(address, "GET", path, "connection: close\r\n", b"").await;
     while answer.receive().await {}
     answer.sort();

@@ -14,7 +14,7 @@ use sightline::{
     },
 };
 
-use super::*;
+use super::{port::get, *};
 
 /// A sink that tests can look into.
 #[derive(Clone, Default)]
@@ -39,6 +39,11 @@ async fn recorded(limit_bytes: u64) -> Vec<u8> {
     let running = Running::start_with(TestTerrain::new(None), options).await;
     let client = running.client().await;
     session(&client, &clock).await;
+    let state = client.status().await.unwrap().recording.expect("a recording");
+    assert_eq!(state.ended.contains("limit"), limit_bytes < 1 << 20, "{state:?}");
+    assert!((1..=limit_bytes).contains(&state.bytes) && state.limit_bytes == limit_bytes, "{state:?}");
+    let running_gauge = format!("sightline_recording {}\n", u32::from(state.ended.is_empty()));
+    assert!(get(&running.address, "/metrics").await.1.contains(&running_gauge));
     running.stop.send(()).unwrap();
     running.done.await.unwrap().unwrap();
     let bytes = kept.0.lock().unwrap();

@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1csightline/v1/operation.proto\x12\x0csightline.v1\"\x12\n\x10GetStatusRequest\"\xb3\x03\n\x11GetStatusResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x10\n\x08uptime_s\x18\x02 \x01(\x01\x12\x0f\n\x07serving\x18\x03 \x01(\x08\x12\x10\n\x08troubles\x18\x04 \x03(\t\x12&\n\x06limits\x18\x05 \x03(\x0b\x32\x16.sightline.v1.LimitUse\x12\x13\n\x0b\x63onnections\x18\x06 \x01(\x04\x12\x11\n\texercises\x18\x07 \x01(\x04\x12\r\n\x05\x63\x61lls\x18\x08 \x01(\x04\x12\x15\n\rrefused_calls\x18\t \x01(\x04\x12\x0e\n\x06\x66rames\x18\n \x01(\x04\x12\x17\n\x0f\x66rame_median_ms\x18\x0b \x01(\x01\x12\x14\n\x0c\x66rame_p99_ms\x18\x0c \x01(\x01\x12\x14\n\x0cqueue_age_ms\x18\r \x01(\x01\x12\x0f\n\x07visible\x18\x0e \x01(\x04\x12\x0f\n\x07\x62locked\x18\x0f \x01(\x04\x12\x0f\n\x07unknown\x18\x10 \x01(\x04\x12\x13\n\x0b\x65xact_signs\x18\x11 \x01(\x04\x12\x19\n\x11unsatisfied_lines\x18\x12 \x01(\x04\x12\x16\n\x0ereceived_bytes\x18\x13 \x01(\x04\x12\x12\n\nsent_bytes\x18\x14 \x01(\x04\"5\n\x08LimitUse\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04used\x18\x02 \x01(\x04\x12\r\n\x05limit\x18\x03 \x01(\x04\x32`\n\x10OperationService\x12L\n\tGetStatus\x12\x1e.sightline.v1.GetStatusRequest\x1a\x1f.sightline.v1.GetStatusResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1csightline/v1/operation.proto\x12\x0csightline.v1\"\x12\n\x10GetStatusRequest\"\xe4\x03\n\x11GetStatusResponse\x12\x0f\n\x07version\x18\x01 \x01(\t\x12\x10\n\x08uptime_s\x18\x02 \x01(\x01\x12\x0f\n\x07serving\x18\x03 \x01(\x08\x12\x10\n\x08troubles\x18\x04 \x03(\t\x12&\n\x06limits\x18\x05 \x03(\x0b\x32\x16.sightline.v1.LimitUse\x12\x13\n\x0b\x63onnections\x18\x06 \x01(\x04\x12\x11\n\texercises\x18\x07 \x01(\x04\x12\r\n\x05\x63\x61lls\x18\x08 \x01(\x04\x12\x15\n\rrefused_calls\x18\t \x01(\x04\x12\x0e\n\x06\x66rames\x18\n \x01(\x04\x12\x17\n\x0f\x66rame_median_ms\x18\x0b \x01(\x01\x12\x14\n\x0c\x66rame_p99_ms\x18\x0c \x01(\x01\x12\x14\n\x0cqueue_age_ms\x18\r \x01(\x01\x12\x0f\n\x07visible\x18\x0e \x01(\x04\x12\x0f\n\x07\x62locked\x18\x0f \x01(\x04\x12\x0f\n\x07unknown\x18\x10 \x01(\x04\x12\x13\n\x0b\x65xact_signs\x18\x11 \x01(\x04\x12\x19\n\x11unsatisfied_lines\x18\x12 \x01(\x04\x12\x16\n\x0ereceived_bytes\x18\x13 \x01(\x04\x12\x12\n\nsent_bytes\x18\x14 \x01(\x04\x12/\n\trecording\x18\x15 \x01(\x0b\x32\x1c.sightline.v1.RecordingState\"C\n\x0eRecordingState\x12\r\n\x05\x62ytes\x18\x01 \x01(\x04\x12\x13\n\x0blimit_bytes\x18\x02 \x01(\x04\x12\r\n\x05\x65nded\x18\x03 \x01(\t\"5\n\x08LimitUse\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04used\x18\x02 \x01(\x04\x12\r\n\x05limit\x18\x03 \x01(\x04\x32`\n\x10OperationService\x12L\n\tGetStatus\x12\x1e.sightline.v1.GetStatusRequest\x1a\x1f.sightline.v1.GetStatusResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -34,9 +34,11 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_GETSTATUSREQUEST']._serialized_start=46
   _globals['_GETSTATUSREQUEST']._serialized_end=64
   _globals['_GETSTATUSRESPONSE']._serialized_start=67
-  _globals['_GETSTATUSRESPONSE']._serialized_end=502
-  _globals['_LIMITUSE']._serialized_start=504
-  _globals['_LIMITUSE']._serialized_end=557
-  _globals['_OPERATIONSERVICE']._serialized_start=559
-  _globals['_OPERATIONSERVICE']._serialized_end=655
+  _globals['_GETSTATUSRESPONSE']._serialized_end=551
+  _globals['_RECORDINGSTATE']._serialized_start=553
+  _globals['_RECORDINGSTATE']._serialized_end=620
+  _globals['_LIMITUSE']._serialized_start=622
+  _globals['_LIMITUSE']._serialized_end=675
+  _globals['_OPERATIONSERVICE']._serialized_start=677
+  _globals['_OPERATIONSERVICE']._serialized_end=773
 # @@protoc_insertion_point(module_scope)

@@ -11,7 +11,7 @@ class GetStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetStatusResponse(_message.Message):
-    __slots__ = ("version", "uptime_s", "serving", "troubles", "limits", "connections", "exercises", "calls", "refused_calls", "frames", "frame_median_ms", "frame_p99_ms", "queue_age_ms", "visible", "blocked", "unknown", "exact_signs", "unsatisfied_lines", "received_bytes", "sent_bytes")
+    __slots__ = ("version", "uptime_s", "serving", "troubles", "limits", "connections", "exercises", "calls", "refused_calls", "frames", "frame_median_ms", "frame_p99_ms", "queue_age_ms", "visible", "blocked", "unknown", "exact_signs", "unsatisfied_lines", "received_bytes", "sent_bytes", "recording")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     UPTIME_S_FIELD_NUMBER: _ClassVar[int]
     SERVING_FIELD_NUMBER: _ClassVar[int]
@@ -32,6 +32,7 @@ class GetStatusResponse(_message.Message):
     UNSATISFIED_LINES_FIELD_NUMBER: _ClassVar[int]
     RECEIVED_BYTES_FIELD_NUMBER: _ClassVar[int]
     SENT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    RECORDING_FIELD_NUMBER: _ClassVar[int]
     version: str
     uptime_s: float
     serving: bool
@@ -52,7 +53,18 @@ class GetStatusResponse(_message.Message):
     unsatisfied_lines: int
     received_bytes: int
     sent_bytes: int
-    def __init__(self, version: _Optional[str] = ..., uptime_s: _Optional[float] = ..., serving: bool = ..., troubles: _Optional[_Iterable[str]] = ..., limits: _Optional[_Iterable[_Union[LimitUse, _Mapping]]] = ..., connections: _Optional[int] = ..., exercises: _Optional[int] = ..., calls: _Optional[int] = ..., refused_calls: _Optional[int] = ..., frames: _Optional[int] = ..., frame_median_ms: _Optional[float] = ..., frame_p99_ms: _Optional[float] = ..., queue_age_ms: _Optional[float] = ..., visible: _Optional[int] = ..., blocked: _Optional[int] = ..., unknown: _Optional[int] = ..., exact_signs: _Optional[int] = ..., unsatisfied_lines: _Optional[int] = ..., received_bytes: _Optional[int] = ..., sent_bytes: _Optional[int] = ...) -> None: ...
+    recording: RecordingState
+    def __init__(self, version: _Optional[str] = ..., uptime_s: _Optional[float] = ..., serving: bool = ..., troubles: _Optional[_Iterable[str]] = ..., limits: _Optional[_Iterable[_Union[LimitUse, _Mapping]]] = ..., connections: _Optional[int] = ..., exercises: _Optional[int] = ..., calls: _Optional[int] = ..., refused_calls: _Optional[int] = ..., frames: _Optional[int] = ..., frame_median_ms: _Optional[float] = ..., frame_p99_ms: _Optional[float] = ..., queue_age_ms: _Optional[float] = ..., visible: _Optional[int] = ..., blocked: _Optional[int] = ..., unknown: _Optional[int] = ..., exact_signs: _Optional[int] = ..., unsatisfied_lines: _Optional[int] = ..., received_bytes: _Optional[int] = ..., sent_bytes: _Optional[int] = ..., recording: _Optional[_Union[RecordingState, _Mapping]] = ...) -> None: ...
+
+class RecordingState(_message.Message):
+    __slots__ = ("bytes", "limit_bytes", "ended")
+    BYTES_FIELD_NUMBER: _ClassVar[int]
+    LIMIT_BYTES_FIELD_NUMBER: _ClassVar[int]
+    ENDED_FIELD_NUMBER: _ClassVar[int]
+    bytes: int
+    limit_bytes: int
+    ended: str
+    def __init__(self, bytes: _Optional[int] = ..., limit_bytes: _Optional[int] = ..., ended: _Optional[str] = ...) -> None: ...
 
 class LimitUse(_message.Message):
     __slots__ = ("name", "used", "limit")
