@@ -102,6 +102,9 @@ fn a_hostile_file_takes_at_most_four_times_its_length_and_16_mib() {
         check(name, &content, "a lie").expect_err(name);
     }
     check("deep.png", &deep_picture(), "as it is").expect("a sound picture");
+    for (name, content) in deep_rasters() {
+        check(name, &content, "as it is").expect(name);
+    }
     println!("most: {most} bytes");
     for (name, content) in packed_tiles() {
         let (result, peak) = measure(&folder, name, &content);
@@ -113,6 +116,13 @@ fn a_hostile_file_takes_at_most_four_times_its_length_and_16_mib() {
 /// A picture of many pixels in few bytes.
 fn deep_picture() -> Vec<u8> {
     png(4000, png::ColorType::Grayscale, png::BitDepth::Sixteen, &vec![0; 4000 * 4000 * 2])
+}
+
+/// GeoTIFFs of one strip or a few tiles, of many posts in few bytes.
+fn deep_rasters() -> Vec<(&'static str, Vec<u8>)> {
+    let base = || Tiff { width: 2500, height: 2500, rows_per_strip: 2500, geokeys: Vec::new(), ..Tiff::default() };
+    let packed = |codec, tile| Tiff { codec, tile, ..base() }.encode(|_, _| 7.0);
+    vec![("strip.tif", packed(Codec::Deflate, None)), ("tiles.tif", packed(Codec::Lzw, Some(2048)))]
 }
 
 /// Files that declare far more than they hold.

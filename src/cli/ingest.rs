@@ -7,7 +7,11 @@ use std::{
 
 use serde_json::json;
 
-use super::{Context, Failure, info::hex, progress::Progress};
+use super::{
+    Context, Failure,
+    info::hex,
+    progress::{Part, Progress},
+};
 use crate::{
     database::{self, IngestError, IngestOptions, Ingested, Stage, VoidPolicy, WriteError},
     dem,
@@ -15,6 +19,12 @@ use crate::{
 
 /// Inputs that the manifest names; it has a limited length.
 const SOURCES_NAMED: usize = 1000;
+
+/// Which part of the memory the input's readers may keep at hand: one in so many.
+const READERS_SHARE: usize = 4;
+
+/// What an ingest does, and how long each takes.
+const STAGES: [Part; 4] = [("reading", 30), ("filling voids", 10), ("measuring", 45), ("writing", 15)];
 
 /// Turn elevation files into a terrain database.
 #[derive(clap::Args, Debug)]
@@ -53,9 +63,11 @@ pub(super) struct Args {
     /// The horizontal reference system, in place of the file's own.
     #[arg(long, value_name = "EPSG:N", value_parser = parse_epsg)]
     crs: Option<u32>,
-    /// How much memory to take at most, but for what the input's reader needs: a number of KiB, MiB or GiB.
+    /// How much memory to take at most: a number of KiB, MiB or GiB.
     ///
-    /// What does not fit waits beside the output, in a file that takes as much room as the output does.
+    /// What does not fit waits beside the output, in a file that takes as much room as the output does. Readers of the input
+    /// keep at most a quarter of it at hand; what of a file of one strip or of profiles does not fit waits in the folder for
+    /// temporary files (TMPDIR), which should not be in memory itself.
     #[arg(long, value_name = "SIZE", default_value = "512MiB", value_parser = parse_bytes)]
     memory: usize,
     /// How a PNG holds heights, in place of what its path says ("terrarium", "mapbox" or "terrain-rgb" in its name).
@@ -145,6 +157,7 @@ impl Args {
             epsg: self.crs,
             png: self.png.map(Into::into),
             resample: self.resample.map(Into::into),
+            memory_bytes: self.memory / READERS_SHARE,
         };
         let mut raster = dem::open(&self.inputs, &dem_options, &mut |p| scan.tell("scanning", p.done, p.total))
             .map_err(dem_failure)?;
@@ -165,12 +178,15 @@ impl Args {
             sources: names(&self.inputs),
             memory_bytes: self.memory,
         };
-        let mut progress = Progress::new(context, "posts");
-        let done = database::ingest(&mut *raster, output, &options, &mut |p| match p.stage {
-            Stage::Reading => progress.tell("reading", p.done, p.total),
-            Stage::Filling => progress.tell("filling voids", 0, 0),
-            Stage::Measuring => progress.tell("measuring", p.done, p.total),
-            Stage::Writing => progress.tell("writing", p.done, p.total),
+        let mut progress = Progress::of_parts(context, "posts", &STAGES);
+        let done = database::ingest(&mut *raster, output, &options, &mut |p| {
+            let (name, _) = STAGES[match p.stage {
+                Stage::Reading => 0,
+                Stage::Filling => 1,
+                Stage::Measuring => 2,
+                Stage::Writing => 3,
+            }];
+            progress.tell(name, p.done, p.total);
         });
         progress.finish();
         report(context, output, &done.map_err(failure)?, started.elapsed().as_secs_f64());

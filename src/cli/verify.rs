@@ -24,7 +24,7 @@ pub(super) struct Args {
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let mut progress = Progress::new(context, "pages");
-        progress.tell("verifying", 0, u64::MAX);
+        progress.tell("verifying", 0, 1);
         let done = AtomicU64::new(0);
         let found = database::verify(&self.database, &|more, total| {
             progress.at(done.fetch_add(more, Ordering::Relaxed) + more, total);

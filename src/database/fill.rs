@@ -24,10 +24,17 @@ use crate::terrain::{HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Rea
 /// How voids were filled, for the manifest.
 pub(super) const METHOD: &str = "pull-push over powers of two, integer means";
 
-/// Gives the void posts of `heights`, of which not all are void, their drawn heights.
-pub(super) fn fill_voids(scratch: &Scratch, heights: &mut Heights<'_>) -> Result<(), WriteError> {
+/// Gives the void posts of `heights`, of which not all are void, their drawn heights. `progress` is told what share of the
+/// posts that amounts to.
+pub(super) fn fill_voids(
+    scratch: &Scratch,
+    heights: &mut Heights<'_>,
+    progress: &mut dyn FnMut(u64),
+) -> Result<(), WriteError> {
     let (nx, ny) = (heights.grid().nx(), heights.grid().ny());
     let mut levels: Vec<Level> = Vec::new();
+    let (posts, pages) = (heights.grid().posts(), pages_above(nx, ny));
+    let mut told = Told { posts, is_pushing: false, pages, done: 0, progress };
     while has_voids(levels.last().map_or(&heights.shelf, |level| &level.shelf)) {
         let (number, below) = (LEVELS + levels.len() as u8, levels.last());
         let (columns, rows) = below.map_or((nx, ny), |level| (level.columns, level.rows));
@@ -35,15 +42,48 @@ pub(super) fn fill_voids(scratch: &Scratch, heights: &mut Heights<'_>) -> Result
             // A single unknown cell: everything is void.
             return Err(WriteError::AllVoid { posts: heights.grid().posts() });
         }
-        let level = Level::above(scratch, number, below.map_or(&heights.shelf, |level| &level.shelf), columns, rows)?;
-        levels.push(level);
+        let below = below.map_or(&heights.shelf, |level| &level.shelf);
+        levels.push(Level::above(scratch, number, below, columns, rows, &mut told)?);
     }
     let Some(mut complete) = levels.pop() else { return Ok(()) };
+    told.pushes(levels.iter().map(|level| &level.shelf).chain([&heights.shelf]).map(|s| s.paging.pages()).sum());
     while let Some(mut finer) = levels.pop() {
-        complete.push(&mut finer.shelf)?;
+        complete.push(&mut finer.shelf, &mut told)?;
         complete = finer;
     }
-    complete.push(&mut heights.shelf)
+    complete.push(&mut heights.shelf, &mut told)
+}
+
+/// Pages of all levels above a grid.
+fn pages_above(mut columns: u32, mut rows: u32) -> u64 {
+    let mut pages = 0;
+    while (columns, rows) != (1, 1) {
+        (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
+        pages += Paging::of_heights(columns, rows).pages();
+    }
+    pages
+}
+
+/// Tells how far filling has come: pulling is one half of it, pushing the other.
+struct Told<'a> {
+    posts: u64,
+    is_pushing: bool,
+    /// Pages of this half, and how many of them are done.
+    pages: u64,
+    done: u64,
+    progress: &'a mut dyn FnMut(u64),
+}
+
+impl Told<'_> {
+    fn pushes(&mut self, pages: u64) {
+        (self.is_pushing, self.pages, self.done) = (true, pages, 0);
+    }
+
+    fn add(&mut self, pages: u32) {
+        self.done += u64::from(pages);
+        let halves = f64::from(u8::from(self.is_pushing)) + (self.done as f64 / self.pages as f64).min(1.0);
+        (self.progress)((self.posts as f64 * halves * 0.5) as u64);
+    }
 }
 
 /// The places of all pages of a shelf.
@@ -65,7 +105,14 @@ struct Level<'a> {
 
 impl<'a> Level<'a> {
     /// The level above that on `below`, which has so many columns and rows: means of the known cells.
-    fn above(scratch: &'a Scratch, number: u8, below: &Shelf<'_>, columns: u32, rows: u32) -> Result<Self, WriteError> {
+    fn above(
+        scratch: &'a Scratch,
+        number: u8,
+        below: &Shelf<'_>,
+        columns: u32,
+        rows: u32,
+        told: &mut Told<'_>,
+    ) -> Result<Self, WriteError> {
         let (columns, rows) = (columns.div_ceil(2), rows.div_ceil(2));
         let mut shelf = Shelf::new(scratch, number, Paging::of_heights(columns, rows));
         let page_rows = shelf.paging.columns_rows().1;
@@ -74,18 +121,20 @@ impl<'a> Level<'a> {
             let made = row.map(|id| Ok((id, shelf.put_heights(id, pulled_page(below, id)?)?)));
             let made = made.collect::<Result<_, WriteError>>()?;
             set_all(&mut shelf, made);
+            told.add(shelf.paging.columns_rows().0);
         }
         Ok(Self { columns, rows, shelf })
     }
 
     /// Fills the unknown cells of the level below from this one, which is complete; they stay void.
-    fn push(&self, below: &mut Shelf<'_>) -> Result<(), WriteError> {
+    fn push(&self, below: &mut Shelf<'_>, told: &mut Told<'_>) -> Result<(), WriteError> {
         for pj in 0..below.paging.columns_rows().1 {
             let row = (0..below.paging.columns_rows().0).into_par_iter().map(|pi| PageId { pi, pj });
             let row = row.filter(|&id| below.entry(id).flags & HAS_VOIDS != 0);
             let made = row.map(|id| Ok((id, below.put_heights(id, self.filled_page(&*below.heights(id)?, id)?)?)));
             let made = made.collect::<Result<_, WriteError>>()?;
             set_all(below, made);
+            told.add(below.paging.columns_rows().0);
         }
         Ok(())
     }
@@ -226,7 +275,9 @@ mod tests {
             };
             heights.push_row(pj, page).unwrap();
         }
-        fill_voids(&scratch, &mut heights).unwrap();
+        let mut told = vec![0];
+        fill_voids(&scratch, &mut heights, &mut |done| told.push(done)).unwrap();
+        assert!(told.is_sorted() && (told.len() == 1 || told.ends_with(&[u64::from(nx) * u64::from(ny)])));
         look(&heights);
     }
 

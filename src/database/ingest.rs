@@ -45,7 +45,7 @@ pub struct IngestOptions {
     pub replace: bool,
     /// Names of the sources, for the manifest.
     pub sources: Vec<String>,
-    /// Bytes of memory that the program may take, but for what the raster's reader keeps at hand.
+    /// Bytes of memory that the program may take, what the raster's reader keeps at hand included.
     pub memory_bytes: usize,
 }
 
@@ -69,7 +69,7 @@ pub enum Stage {
     Writing,
 }
 
-/// How far an ingest has come: posts done in this stage, of all posts. Filling reports its start only.
+/// How far an ingest has come: posts done in this stage, of all posts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct IngestProgress {
     /// What it is doing.
@@ -157,7 +157,13 @@ pub fn ingest(
         return Err(IngestError::Unit(unit_m));
     }
     let grid = Grid::new(info.nx, info.ny)?;
-    let budget = writer::budget(options.memory_bytes, grid)?;
+    let at_hand = usize::try_from(raster.memory_bytes()).unwrap_or(usize::MAX);
+    let budget = writer::budget(options.memory_bytes.saturating_sub(at_hand), grid).map_err(|error| match error {
+        WriteError::Memory { needed, nx, ny, .. } => {
+            WriteError::Memory { needed: needed.saturating_add(at_hand), given: options.memory_bytes, nx, ny }
+        }
+        error => error,
+    })?;
     ingest_within(raster, grid, unit_m, path, options, budget, progress)
 }
 
@@ -184,7 +190,7 @@ fn ingest_within(
             return Err(IngestError::Voids { void_posts, posts: total });
         }
         tell(Stage::Filling, 0);
-        fill_voids(&scratch, &mut heights)?;
+        fill_voids(&scratch, &mut heights, &mut |done| tell(Stage::Filling, done))?;
     }
     let place = raster.info().georeference;
     let georeference = place.is_placed().then_some(place);

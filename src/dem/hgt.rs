@@ -11,12 +11,12 @@
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
 
 use flate2::read::GzDecoder;
 use zip::ZipArchive;
 
 use super::DemError;
+use super::spool::nameless;
 
 /// Posts along the side of a tile: 3 arc-seconds, 1 arc-second.
 const SIDES: [u32; 2] = [1201, 3601];
@@ -227,16 +227,6 @@ impl Tile {
         self.expect_end(stream)?;
         Ok(Held::Bytes(bytes))
     }
-}
-
-/// A file that is gone when it is closed.
-fn nameless() -> std::io::Result<File> {
-    static MADE: AtomicU32 = AtomicU32::new(0);
-    let number = MADE.fetch_add(1, Ordering::Relaxed);
-    let path = std::env::temp_dir().join(format!("sightline-{}-{number}.hgt", std::process::id()));
-    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
-    std::fs::remove_file(&path)?;
-    Ok(file)
 }
 
 fn wrong_size(path: &Path, bytes: u64) -> DemError {

@@ -44,8 +44,9 @@ pub(super) struct Join {
 }
 
 impl Join {
-    /// Puts at least two rasters, each with the file that it comes from, beside each other.
-    pub(super) fn new(rasters: Rasters) -> Result<Self, DemError> {
+    /// Puts at least two rasters, each with the file that it comes from, beside each other. Those that meet in a row keep
+    /// at most `memory_bytes` at hand.
+    pub(super) fn new(rasters: Rasters, memory_bytes: usize) -> Result<Self, DemError> {
         let places: Vec<_> = rasters.iter().map(|(path, raster)| (path.as_path(), raster.info())).collect();
         let (georeference, corners) = lattice(&places)?;
         let info = describe(&places, georeference, &corners)?;
@@ -57,7 +58,15 @@ impl Join {
         parts.sort_by_key(|p| (p.south, p.west));
         check_set(&parts)?;
         let overlap = Overlap::new(parts.len() as u32, info.nx, info.ny);
-        Ok(Self { row: vec![0.0; info.nx as usize], info, parts, overlap })
+        let mut join = Self { row: vec![0.0; info.nx as usize], info, parts, overlap };
+        join.limit_memory(memory_bytes)?;
+        Ok(join)
+    }
+
+    /// Most parts that share a row.
+    fn most_in_a_row(&self) -> usize {
+        let count = |row: u32| self.parts.iter().filter(|part| (part.south..part.north).contains(&row)).count();
+        self.parts.iter().map(|part| count(part.south)).max().unwrap_or(1)
     }
 }
 
@@ -90,6 +99,17 @@ impl Raster for Join {
 
     fn release(&mut self) {
         self.parts.iter_mut().for_each(|part| part.raster.release());
+    }
+
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        let each = bytes / self.most_in_a_row();
+        self.parts.iter_mut().try_for_each(|part| part.raster.limit_memory(each))
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        let mut all: Vec<_> = self.parts.iter().map(|part| part.raster.memory_bytes()).collect();
+        all.sort_unstable();
+        all.iter().rev().take(self.most_in_a_row()).sum()
     }
 }
 

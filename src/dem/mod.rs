@@ -25,13 +25,15 @@ mod raw;
 mod resample;
 mod sample;
 mod sniff;
+mod spool;
 mod usgs;
 
 use std::path::{Path, PathBuf};
 
 pub use error::DemError;
 pub use raster::{
-    FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, PngHeights, Progress, Raster, RasterInfo, Resampling, SeamReport,
+    DEFAULT_READER_BYTES, FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, PngHeights, Progress, Raster, RasterInfo,
+    Resampling, SeamReport,
 };
 
 use sniff::Format;
@@ -61,15 +63,16 @@ pub fn open(
         return Ok(Box::new(mosaic::Mosaic::open(&tiles, options)?));
     }
     let mut rasters = Vec::with_capacity(files.len());
+    let each = OpenOptions { memory_bytes: options.memory_bytes / files.len(), ..*options };
     for (path, format) in files {
-        rasters.push((path.clone(), open_single(path, format, options, progress)?));
+        rasters.push((path.clone(), open_single(path, format, &each, progress)?));
     }
     if let Some(method) = options.resample {
         rasters = join::on_finest_lattice(rasters, method)?;
     }
     match rasters.len() {
         1 => Ok(rasters.swap_remove(0).1),
-        _ => Ok(Box::new(join::Join::new(rasters)?)),
+        _ => Ok(Box::new(join::Join::new(rasters, options.memory_bytes)?)),
     }
 }
 

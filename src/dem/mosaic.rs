@@ -16,9 +16,6 @@ use crate::terrain::Georeference;
 use super::hgt::{Corner, Packing, Tile, VOID};
 use super::{DemError, OpenOptions, Raster, RasterInfo, SeamReport, crs};
 
-/// Bytes of a row of tiles beyond which packed ones are unpacked into files.
-const MOST_BYTES_AT_HAND: u64 = 64 << 20;
-
 /// What the parts of a mosaic say of one post of the row being read.
 const KNOWN: u8 = 1;
 const KNOWN_TWICE: u8 = 2;
@@ -91,6 +88,8 @@ pub(super) struct Mosaic {
     cells: u32,
     nodata: Option<f64>,
     overlap: Overlap,
+    /// Bytes of unpacked tiles at hand, at most.
+    unpacked_bytes: u64,
 }
 
 impl Mosaic {
@@ -109,8 +108,11 @@ impl Mosaic {
         let side = tiles[0].side;
         let count = tiles.len() as u32;
         let info = describe(Corner { lat: south, lon: west }, side, [columns, rows], count, options, tiles[0].path())?;
-        let row_bytes = u64::from(columns) * u64::from(side) * u64::from(side) * 2;
-        let is_long = cfg!(unix) && row_bytes > MOST_BYTES_AT_HAND;
+        let has_packed = files.iter().any(|(_, packing)| *packing != Packing::Raw);
+        // Where a row of posts is shared, two rows of tiles are at hand.
+        let at_hand = u64::from(has_packed) * u64::from(columns) * u64::from(rows.min(2));
+        let unpacked = at_hand * u64::from(side) * u64::from(side) * 2;
+        let is_long = cfg!(unix) && unpacked > options.memory_bytes as u64;
         tiles.iter_mut().for_each(|tile| tile.is_one_of_many = is_long);
         let place = |t: Tile| ((t.corner.lat.abs_diff(south), t.corner.lon.abs_diff(west)), t);
         let mut overlap = Overlap::new(count, info.nx, info.ny);
@@ -121,6 +123,7 @@ impl Mosaic {
             cells: side - 1,
             nodata: options.nodata,
             overlap,
+            unpacked_bytes: if is_long { 0 } else { unpacked },
         })
     }
 
@@ -165,6 +168,10 @@ impl Raster for Mosaic {
 
     fn release(&mut self) {
         self.tiles.values_mut().for_each(Tile::release);
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.unpacked_bytes
     }
 }
 

@@ -10,7 +10,7 @@
 //!
 //! Refused: palettes, 8-bit grey, interlaced pictures. A PNG can only be unpacked from its north edge on, and rows are
 //! wanted from the south: pictures larger than the band kept at hand are unpacked once a band. Kept at hand: one band of
-//! 4 MiB and twice the file's length.
+//! 4 MiB and twice the file's length, or of as much as may be.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -48,6 +48,8 @@ pub(super) struct Picture {
     nodata: Nodata,
     /// Bytes a pixel.
     pixel: usize,
+    /// Most bytes of a band.
+    most_bytes: u64,
     band_rows: u32,
     /// The band at hand, counted from the north, and its rows as they are stored.
     held: Option<u32>,
@@ -101,9 +103,21 @@ impl Picture {
             (None, PngHeights::Terrarium) => Nodata::new(Some(-32_768.0), false),
             (None, PngHeights::Mapbox) => Nodata::new(Some(-10_000.0), false),
         };
-        let band_rows = ((BAND_BYTES + 2 * bytes) / row_bytes).clamp(1, u64::from(ny)) as u32;
         let info = RasterInfo { format: format!("PNG, {name}"), nx, ny, georeference, unit_m, notes };
-        Ok(Self { path: path.to_owned(), info, heights, nodata, pixel, band_rows, held: None, band: Vec::new() })
+        let most_bytes = BAND_BYTES + 2 * bytes;
+        let mut picture = Self {
+            path: path.to_owned(),
+            info,
+            heights,
+            nodata,
+            pixel,
+            most_bytes,
+            band_rows: 1,
+            held: None,
+            band: Vec::new(),
+        };
+        picture.limit_memory(options.memory_bytes)?;
+        Ok(picture)
     }
 
     /// Puts band `band` at hand.
@@ -153,6 +167,18 @@ impl Raster for Picture {
 
     fn release(&mut self) {
         (self.held, self.band) = (None, Vec::new());
+    }
+
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        self.release();
+        let row_bytes = u64::from(self.info.nx) * self.pixel as u64;
+        let rows = self.most_bytes.min(bytes as u64) / row_bytes;
+        self.band_rows = rows.clamp(1, u64::from(self.info.ny)) as u32;
+        Ok(())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        u64::from(self.band_rows) * u64::from(self.info.nx) * self.pixel as u64
     }
 }
 

@@ -13,8 +13,11 @@ pub const MAX_HEIGHT_M: f64 = 16_777_216.0;
 /// of lidar models; and [`MAX_HEIGHT_M`] fits in 31 bits.
 pub const FLOAT_UNIT_M: f64 = 1.0 / 64.0;
 
+/// Bytes that readers keep at hand unless they are told otherwise.
+pub const DEFAULT_READER_BYTES: usize = 128 << 20;
+
 /// What the user says over what the files say.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug)]
 pub struct OpenOptions {
     /// The sample value that means "no data", in place of the file's own. NaN and infinite samples are void anyway.
     pub nodata: Option<f64>,
@@ -24,6 +27,15 @@ pub struct OpenOptions {
     pub png: Option<PngHeights>,
     /// How files that are not on the lattice of the finest one are brought there; they are refused without it.
     pub resample: Option<Resampling>,
+    /// Bytes that all files together may keep at hand while a row is read. What is more waits in nameless files in the
+    /// folder for temporary ones. A few rows, and 10 MiB for a decoder, are not counted.
+    pub memory_bytes: usize,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { nodata: None, epsg: None, png: None, resample: None, memory_bytes: DEFAULT_READER_BYTES }
+    }
 }
 
 /// How heights between posts are found.
@@ -114,8 +126,9 @@ pub struct SeamReport {
 ///
 /// Reading each row once, from south to north, is what every reader is made for; other orders are right but may cost
 /// more. Readers keep a band of rows at hand: the height of a block row (strip or tile) in GeoTIFF, one text row in
-/// Esri ASCII, the decompressed tiles of one row of tiles for zipped `.hgt` (25 MiB each), 1 MiB in DTED and PNG, all
-/// samples in USGS ASCII DEM, and nothing for raw `.hgt` and raw rasters with a header.
+/// Esri ASCII, the decompressed tiles of one row of tiles for zipped `.hgt` (25 MiB each), 1 MiB in DTED, 4 MiB and twice
+/// the file in PNG, all samples in USGS ASCII DEM, and nothing for raw `.hgt` and raw rasters with a header. Where that is
+/// more than [`OpenOptions::memory_bytes`], it waits in files.
 pub trait Raster: Send {
     /// What is known of the raster.
     fn info(&self) -> &RasterInfo;
@@ -143,4 +156,15 @@ pub trait Raster: Send {
 
     /// Lets go of what is kept at hand: the next rows will be read far from the last ones, or not at all.
     fn release(&mut self) {}
+
+    /// Keeps at most so many bytes at hand from now on, see [`OpenOptions::memory_bytes`].
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        let _ = bytes;
+        Ok(())
+    }
+
+    /// Bytes that are kept at hand at most, about, beyond what is the same for all files.
+    fn memory_bytes(&self) -> u64 {
+        0
+    }
 }

@@ -156,4 +156,12 @@ impl Raster for Resampled {
     fn release(&mut self) {
         self.inner.release();
     }
+
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        self.inner.limit_memory(bytes)
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.inner.memory_bytes()
+    }
 }

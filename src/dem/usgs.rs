@@ -8,7 +8,8 @@
 //! columns, numbers that are none, fewer profiles than declared. Record C, which says how accurate the whole is, is
 //! passed over.
 //!
-//! The file is read once when it is opened. Kept at hand: all samples, 4 bytes each for 6 bytes of text.
+//! The file is read once when it is opened. Kept at hand: all samples, 4 bytes each for 6 bytes of text, in memory or, where
+//! they are too many, in a file; and a band of rows of at most [`BAND_SAMPLES`] samples, or one row.
 
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 use crate::terrain::Georeference;
 
 use super::nodata::Nodata;
+use super::spool::Spool;
 use super::{DemError, MAX_HEIGHT_M, OpenOptions, Progress, Raster, RasterInfo, crs};
 
 /// The format's name in messages.
@@ -24,12 +26,16 @@ const FORMAT: &str = "USGS ASCII DEM";
 /// Length of a record, and of a sample.
 const RECORD_BYTES: usize = 1024;
 const SAMPLE_BYTES: usize = 6;
+/// Bytes of a sample at hand.
+const SAMPLE_WORD: usize = 4;
 /// Samples in a profile's first record after its head, and in each further one.
 const HEAD_BYTES: usize = 144;
 const FIRST_SAMPLES: usize = 146;
 const MORE_SAMPLES: usize = 170;
-/// The longest file that is taken: its samples are kept at hand. The largest ever published is 10 MB.
-const MAX_BYTES: u64 = 256 << 20;
+/// Most samples of a band of rows at hand.
+const BAND_SAMPLES: u32 = 1 << 19;
+/// What a post has in a band where no profile is: no sample has so many digits.
+const NOTHING: i32 = i32::MIN;
 /// Most posts of the whole rectangle for each sample. A quadrangle fills nine tenths of its own, a diagonal strip less.
 const MAX_POSTS_PER_SAMPLE: u64 = 64;
 /// The most by which a profile may begin beside the lattice, in posts. A guess; the files print to the millimetre.
@@ -44,7 +50,9 @@ struct Profile {
     south: u32,
     /// Height of its datum, in the file's unit.
     datum: f64,
-    samples: Vec<i32>,
+    /// Number of its first sample among those of all profiles, and how many it has.
+    first: u64,
+    count: u32,
 }
 
 /// A USGS ASCII DEM.
@@ -57,6 +65,13 @@ pub(super) struct UsgsDem {
     file_unit_m: f64,
     /// From west to east.
     profiles: Vec<Profile>,
+    /// The samples of all of them.
+    samples: Spool,
+    samples_bytes: u64,
+    band_rows: u32,
+    /// The band at hand, counted from the south, row by row.
+    held: Option<u32>,
+    band: Vec<i32>,
 }
 
 impl UsgsDem {
@@ -69,10 +84,11 @@ impl UsgsDem {
         let mut records = Records::open(path)?;
         let Some(record) = records.next()? else { return Err(records.malformed("it has no header")) };
         let header = Header::read(&records, &record)?;
-        let (profiles, [west, south]) = read_profiles(&mut records, &header, progress)?;
-        let ny = profiles.iter().map(|p| u64::from(p.south) + p.samples.len() as u64).max().unwrap_or_default();
-        let (nx, samples) = (profiles.len() as u32, profiles.iter().map(|p| p.samples.len() as u64).sum::<u64>());
-        let ny = u32::try_from(ny).ok().filter(|ny| u64::from(nx) * u64::from(*ny) <= MAX_POSTS_PER_SAMPLE * samples);
+        let mut samples = Spool::new(options.memory_bytes);
+        let (profiles, [west, south]) = read_profiles(&mut records, &header, &mut samples, progress)?;
+        let ny = profiles.iter().map(|p| u64::from(p.south) + u64::from(p.count)).max().unwrap_or_default();
+        let (nx, count) = (profiles.len() as u32, profiles.iter().map(|p| u64::from(p.count)).sum::<u64>());
+        let ny = u32::try_from(ny).ok().filter(|ny| u64::from(nx) * u64::from(*ny) <= MAX_POSTS_PER_SAMPLE * count);
         let Some(ny) = ny.filter(|ny| *ny >= 2) else {
             return Err(records.malformed("its profiles are too scattered, or too short, to be a grid"));
         };
@@ -86,7 +102,46 @@ impl UsgsDem {
         let unit_m = header.resolution * header.file_unit_m;
         let info = RasterInfo { format: header.format, nx, ny, georeference, unit_m, notes };
         let (resolution, file_unit_m) = (header.resolution, header.file_unit_m);
-        Ok(Self { path: path.to_owned(), info, nodata, resolution, file_unit_m, profiles })
+        Ok(Self {
+            path: path.to_owned(),
+            info,
+            nodata,
+            resolution,
+            file_unit_m,
+            profiles,
+            samples,
+            samples_bytes: count * SAMPLE_WORD as u64,
+            band_rows: (BAND_SAMPLES / nx).clamp(1, ny),
+            held: None,
+            band: Vec::new(),
+        })
+    }
+
+    /// Puts band `band` at hand.
+    fn hold(&mut self, band: u32) -> Result<(), DemError> {
+        if self.held == Some(band) {
+            return Ok(());
+        }
+        self.held = None;
+        let nx = self.profiles.len();
+        let rows = band * self.band_rows..((band + 1) * self.band_rows).min(self.info.ny);
+        self.band.clear();
+        self.band.resize(rows.len() * nx, NOTHING);
+        let mut room = vec![0; rows.len() * SAMPLE_WORD];
+        for (i, profile) in self.profiles.iter().enumerate() {
+            let (from, to) = (rows.start.max(profile.south), rows.end.min(profile.south + profile.count));
+            if from >= to {
+                continue;
+            }
+            let at = (profile.first + u64::from(from - profile.south)) * SAMPLE_WORD as u64;
+            let bytes = self.samples.read_at(at, &mut room[..(to - from) as usize * SAMPLE_WORD]);
+            let bytes = bytes.map_err(|e| DemError::io(&self.path, &e))?;
+            for (j, sample) in (from - rows.start..).zip(bytes.as_chunks::<SAMPLE_WORD>().0) {
+                self.band[j as usize * nx + i] = i32::from_ne_bytes(*sample);
+            }
+        }
+        self.held = Some(band);
+        Ok(())
     }
 }
 
@@ -96,13 +151,14 @@ impl Raster for UsgsDem {
     }
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
-        for ((i, out), profile) in (0..).zip(out).zip(&self.profiles) {
-            let sample = j.checked_sub(profile.south).and_then(|n| profile.samples.get(n as usize));
-            let Some(sample) = sample.map(|s| f64::from(*s)).filter(|s| !self.nodata.is_void(*s)) else {
+        self.hold(j / self.band_rows)?;
+        let row = &self.band[(j % self.band_rows) as usize * out.len()..][..out.len()];
+        for ((i, out), (&sample, profile)) in (0..).zip(out).zip(row.iter().zip(&self.profiles)) {
+            if sample == NOTHING || self.nodata.is_void(sample.into()) {
                 *out = f64::NAN;
                 continue;
-            };
-            let height = (sample * self.resolution + profile.datum) * self.file_unit_m;
+            }
+            let height = (f64::from(sample) * self.resolution + profile.datum) * self.file_unit_m;
             // A datum that is no number fails here too.
             if height.is_nan() || height.abs() > MAX_HEIGHT_M {
                 return Err(DemError::ImpossibleHeight { path: self.path.clone(), i, j, height });
@@ -111,15 +167,28 @@ impl Raster for UsgsDem {
         }
         Ok(())
     }
+
+    fn release(&mut self) {
+        (self.held, self.band) = (None, Vec::new());
+    }
+
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        self.samples.limit(bytes).map_err(|e| DemError::io(&self.path, &e))
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        self.samples_bytes.min(self.samples.most())
+    }
 }
 
 /// Reads the profiles; also the map coordinates of the south-western post, in the file's unit.
 fn read_profiles(
     records: &mut Records,
     header: &Header,
+    spool: &mut Spool,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<(Vec<Profile>, [f64; 2]), DemError> {
-    let mut profiles = Vec::new();
+    let (mut profiles, mut first) = (Vec::new(), 0);
     let mut souths = Vec::new();
     let mut start = [0.0; 2];
     for column in 0..header.columns {
@@ -137,7 +206,7 @@ fn read_profiles(
         let [Some(x), Some(y), Some(datum)] = [24, 48, 72].map(|at| field.real(at, 24)) else {
             return Err(bad("its head holds no place or datum"));
         };
-        let Some(count) = count.and_then(|n| usize::try_from(n).ok()).filter(|n| *n > 0 && across == Some(1)) else {
+        let Some(count) = count.and_then(|n| u32::try_from(n).ok()).filter(|n| *n > 0 && across == Some(1)) else {
             return Err(bad("its head does not say that it is one column of samples"));
         };
         if column == 0 {
@@ -153,8 +222,11 @@ fn read_profiles(
             return Err(bad(&format!("it begins at ({x}, {y}), too far from the first")));
         }
         souths.push(row as i64);
-        let samples = read_samples(records, head, count, column)?;
-        profiles.push(Profile { south: 0, datum, samples });
+        let samples = read_samples(records, head, count as usize, column)?;
+        let bytes: Vec<_> = samples.iter().flat_map(|sample| sample.to_ne_bytes()).collect();
+        spool.write_at(first * SAMPLE_WORD as u64, &bytes).map_err(|e| DemError::io(&records.path, &e))?;
+        profiles.push(Profile { south: 0, datum, first, count });
+        first += u64::from(count);
     }
     let least = souths.iter().copied().min().unwrap_or_default();
     for (profile, south) in profiles.iter_mut().zip(souths) {
@@ -355,10 +427,6 @@ impl Records {
             Ok((reader, bytes, head.contains(&b'\n')))
         };
         let (reader, bytes, lines) = open().map_err(|e| DemError::io(path, &e))?;
-        if bytes > MAX_BYTES {
-            let detail = format!("it holds {bytes} bytes, more than any USGS ASCII DEM; write it out as GeoTIFF first");
-            return Err(DemError::refused(path, detail));
-        }
         Ok(Self { path: path.to_owned(), reader, bytes, done: 0, lines })
     }
 

@@ -146,6 +146,10 @@ const SCAN_K: u8 = 3;
 /// Rows of heights that a band holds at most, those around it included.
 const MOST_BAND_ROWS: usize = 2 * BAND_ROWS as usize;
 
+/// How long the first lattices take beside one another, and each further one, measured over rough terrain.
+const SHARES: [f64; 5] = [40.0, 20.0, 12.0, 8.0, 4.0];
+const REST: f64 = 1.0;
+
 /// Bytes that a band takes while it is worked on, about, for each post of a row of the grid: its heights twice (once more
 /// apart by parity of their columns), and rows of results.
 pub const BAND_BYTES: usize = 2 * 8 * MOST_BAND_ROWS;
@@ -154,8 +158,8 @@ pub const BAND_BYTES: usize = 2 * 8 * MOST_BAND_ROWS;
 pub const ROW_BYTES: usize = 32;
 
 /// Computes all bounds of a field of integers, of 16 bits or, where it is `wide`, of 32, into an empty store, on the
-/// threads of the current pool. The result depends neither on them nor on `effort`. `progress` is told, from any thread, how
-/// many posts more are done.
+/// threads of the current pool. The result depends neither on them nor on `effort`. `progress` is told how many posts more
+/// the work amounts to that is done.
 pub fn compute_bounds<H: HeightField + ?Sized, S: BoundsStore>(
     field: &H,
     scale: SceneScale,
@@ -177,23 +181,36 @@ fn compute_into<H: HeightField + ?Sized, S: BoundsStore>(
     progress: &(dyn Fn(u64) + Sync),
 ) -> Result<(), S::Error> {
     let grid = field.grid();
+    let mut told = 0;
     for k in 1..grid.root().exponent() {
         let size = LatticeSize::of(grid, k);
+        let [before, whole] = [k - 1, k].map(|k| share_done(k, grid.root().exponent() - 1));
         // The row of tilted diamonds that was made for the square ones south of it.
         let mut ahead: Vec<DiamondBounds> = Vec::new();
         for first in (0..size.rows).step_by(effort.rows as usize) {
             let last = (first + effort.rows).min(size.rows);
             let end = (last + 1).min(size.rows);
-            let source = Source { field, scale, exact, bands: effort.bands, store: &*store, progress };
+            let source = Source { field, scale, exact, bands: effort.bands, store: &*store };
             let mut rows = source.rows(size, first..last, end, &ahead)?;
             let made = (last - first) as usize * size.columns as usize;
             ahead.clear();
             ahead.extend_from_slice(&rows[made..]);
             rows.truncate(made);
             store.append(size, &rows)?;
+            let share = before + (whole - before) * f64::from(last) / f64::from(size.rows);
+            let done = (grid.posts() as f64 * share) as u64;
+            progress(done.saturating_sub(told));
+            told = done.max(told);
         }
     }
     Ok(())
+}
+
+/// What share of the time for `all` lattices those up to lattice k take.
+fn share_done(k: u8, all: u8) -> f64 {
+    let first =
+        |k: u8| SHARES.iter().take(k.into()).sum::<f64>() + REST * f64::from(k.saturating_sub(SHARES.len() as u8));
+    first(k) / first(all)
 }
 
 /// What the bounds of a lattice are made from.
@@ -206,8 +223,6 @@ struct Source<'a, H: ?Sized, S> {
     bands: usize,
     /// The lattices of smaller steps.
     store: &'a S,
-    /// Is told how many posts of the grid more are done.
-    progress: &'a (dyn Fn(u64) + Sync),
 }
 
 /// What the diamonds of one lattice have their children in.
@@ -312,7 +327,6 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
             let inner = self.inner(at(b), heights, Some(&finest));
             let child = |child| finest.get(child);
             done.push(self.row(at(b), &mut &*heights, inner.as_ref(), &mut tight, child)?);
-            (self.progress)(u64::from(grid.nx()) * u64::from(grid.ny().saturating_sub(2 * b).min(2)));
         }
         Ok(done)
     }

@@ -122,33 +122,38 @@ impl Codec {
                 encoder.write_all(block).unwrap();
                 encoder.finish().unwrap()
             }
-            Self::PackBits => block.chunks(128).flat_map(|run| [&[run.len() as u8 - 1], run].concat()).collect(),
+            Self::PackBits => pack_bits(block),
             Self::Lerc => lerc(block, width, height, sample),
             Self::Zstd => zstd(block),
         }
     }
 }
 
-/// TIFF's LZW without ever using the dictionary: nine-bit codes, cleared before they would grow to ten.
 fn lzw(block: &[u8]) -> Vec<u8> {
-    let mut bits = Vec::new();
-    let mut code = |value: u16| bits.extend((0..9).rev().map(|bit| value >> bit & 1 == 1));
-    for run in block.chunks(200) {
-        code(256);
-        run.iter().for_each(|byte| code(u16::from(*byte)));
-    }
-    code(257);
-    bits.chunks(8)
-        .map(|byte| byte.iter().enumerate().fold(0, |sum, (n, bit)| sum | u8::from(*bit) << (7 - n)))
-        .collect()
+    weezl::encode::Encoder::with_tiff_size_switch(weezl::BitOrder::Msb, 8).encode(block).unwrap()
 }
 
-/// A Zstandard frame with a window descriptor and one raw block (RFC 8878, section 3.1.1).
 fn zstd(block: &[u8]) -> Vec<u8> {
-    let mut frame = vec![0x28, 0xb5, 0x2f, 0xfd, 0x00, 0x38];
-    frame.extend_from_slice(&((block.len() as u32) << 3 | 1).to_le_bytes()[..3]);
-    frame.extend_from_slice(block);
-    frame
+    ruzstd::encoding::compress_to_vec(block, ruzstd::encoding::CompressionLevel::Fastest)
+}
+
+/// Runs of three equal bytes and more as such, and now and then a byte that says nothing.
+fn pack_bits(mut block: &[u8]) -> Vec<u8> {
+    let mut packed = Vec::new();
+    while let Some(&first) = block.first() {
+        let run_at = |from: usize| block[from..].iter().take(128).take_while(|byte| **byte == block[from]).count();
+        let run = run_at(0);
+        if run >= 3 {
+            packed.extend([(1 - run as i16) as u8, first, 0x80]);
+            block = &block[run..];
+        } else {
+            let length = (0..block.len().min(128)).find(|&at| run_at(at) >= 3).unwrap_or(block.len().min(128));
+            packed.push(length as u8 - 1);
+            packed.extend_from_slice(&block[..length]);
+            block = &block[length..];
+        }
+    }
+    packed
 }
 
 /// A Lerc2 blob of version 2, which has no sum: all posts valid, all values in one sweep.
@@ -231,6 +236,8 @@ pub(crate) struct Tiff {
     pub(crate) geokeys: Vec<(u16, u16)>,
     /// Blocks that are not stored.
     pub(crate) missing: Vec<usize>,
+    /// Whether the bits of stored bytes are the other way round.
+    pub(crate) bits_reversed: bool,
     /// Further tags of one LONG.
     pub(crate) extra: Vec<(u16, u32)>,
 }
@@ -252,6 +259,7 @@ impl Default for Tiff {
             doubles: vec![(33550, vec![0.5, 0.25, 0.0]), (33922, vec![0.0, 0.0, 0.0, 10.0, 50.0, 0.0])],
             geokeys: vec![(1024, 2), (1025, 1), (2048, 4326)],
             missing: Vec::new(),
+            bits_reversed: false,
             extra: Vec::new(),
         }
     }
@@ -285,7 +293,11 @@ impl Tiff {
             let samples: Vec<_> = values.iter().map(|v| self.samples.bytes(*v)).collect();
             bytes.extend(self.row(&samples));
         }
-        self.codec.pack(&bytes, width, rows, &self.samples)
+        let mut packed = self.codec.pack(&bytes, width, rows, &self.samples);
+        if self.bits_reversed {
+            packed.iter_mut().for_each(|byte| *byte = byte.reverse_bits());
+        }
+        packed
     }
 
     fn row(&self, samples: &[Vec<u8>]) -> Vec<u8> {
@@ -387,6 +399,9 @@ impl Tiff {
         } else {
             tags.push((278, longs(&[self.rows_per_strip as u32])));
             tags.extend([(273, longs(offsets)), (279, longs(&lengths))]);
+        }
+        if self.bits_reversed {
+            tags.push((266, short(2)));
         }
         if self.codec == Codec::Lerc {
             tags.push((50674, longs(&[2, 0])));

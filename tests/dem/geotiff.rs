@@ -5,7 +5,7 @@ use std::path::Path;
 use sightline::dem::{self, DemError, FLOAT_UNIT_M, OpenOptions};
 
 use crate::encoders::{Codec, Samples, Tiff};
-use crate::{Folder, assert_same, open, read};
+use crate::{Folder, assert_same, open, open_in_no_memory, read};
 
 /// A height for every column and row from the north; never negative, so that unsigned samples hold it.
 fn height(i: usize, row: usize) -> f64 {
@@ -49,12 +49,68 @@ fn every_codec_predictor_sample_type_layout_and_byte_order_gives_the_same_height
                     assert_eq!((raster.info().nx, raster.info().ny, raster.info().unit_m), (37, 29, unit_m), "{what}");
                     let found = read(&mut *raster).unwrap_or_else(|e| panic!("{what}: {e}"));
                     assert_same(&found, &expected(37, 29), &what);
+                    let by_row = read(&mut *open_in_no_memory(&path).unwrap());
+                    match codec {
+                        Codec::Lerc => {
+                            assert!(by_row.unwrap_err().to_string().contains("gdal_translate -co TILED=YES"))
+                        }
+                        _ => assert_same(&by_row.unwrap_or_else(|e| panic!("{what}: {e}")), &found, &what),
+                    }
                     tried += 1;
                 }
             }
         }
     }
     assert_eq!(tried, 4 * (5 * 10 + 5));
+}
+
+/// Real streams of each codec, of pixels with several samples, of bits the other way round, in a file of one strip: what
+/// rows of it give is what tiff-reader gives for all of it.
+#[test]
+fn a_strip_gives_the_same_by_rows_as_at_once() {
+    let folder = Folder::new();
+    for codec in [Codec::None, Codec::Lzw, Codec::Deflate, Codec::PackBits, Codec::Zstd] {
+        for (samples, predictor) in [(Samples::I16, 2), (Samples::F32, 3), (Samples::F64, 2), (Samples::I32, 1)] {
+            for (bits_reversed, bands) in [(false, 3), (true, 1)] {
+                let tiff = Tiff {
+                    width: 31 * bands,
+                    height: 100,
+                    rows_per_strip: 100,
+                    samples,
+                    codec,
+                    // Differences between columns, read as those between pixels, are other heights; whole ones fit.
+                    predictor: if bands == 1 || samples == Samples::I16 { predictor } else { 1 },
+                    bits_reversed,
+                    ..Tiff::default()
+                };
+                let mut bytes = tiff.encode(height);
+                if bands > 1 {
+                    set_long(&mut bytes, 256, 31);
+                    set_short(&mut bytes, 277, bands as u16);
+                }
+                let path = folder.put("strip.tif", bytes);
+                let what = format!("{tiff:?}");
+                let whole = read(&mut *open(&path).unwrap()).unwrap_or_else(|e| panic!("{what}: {e}"));
+                assert!(whole[1] == height(bands, 99) || (bands > 1 && tiff.predictor > 1), "{what}");
+                assert_same(&read(&mut *open_in_no_memory(&path).unwrap()).unwrap(), &whole, &what);
+            }
+        }
+    }
+}
+
+/// Finds the entry of a tag with one value in a little-endian TIFF and changes the value.
+fn set_value(bytes: &mut [u8], tag: u16, kind: u16, value: &[u8]) {
+    let mark = [&tag.to_le_bytes()[..], &kind.to_le_bytes(), &1_u32.to_le_bytes()].concat();
+    let at = bytes.windows(8).position(|w| w == mark).expect("the tag is there") + 8;
+    bytes[at..at + value.len()].copy_from_slice(value);
+}
+
+fn set_long(bytes: &mut [u8], tag: u16, value: u32) {
+    set_value(bytes, tag, 4, &value.to_le_bytes());
+}
+
+fn set_short(bytes: &mut [u8], tag: u16, value: u16) {
+    set_value(bytes, tag, 3, &value.to_le_bytes());
 }
 
 #[test]
@@ -129,6 +185,11 @@ fn what_would_make_lengths_wrong_is_refused() {
     let scaled = r#"<GDALMetadata><Item name="SCALE" sample="0" role="scale">0.1</Item></GDALMetadata>"#;
     assert!(refused(Tiff { metadata: Some(scaled), ..Tiff::default() }).contains("unscale"));
     assert!(refused(Tiff { extra: vec![(274, 3)], ..Tiff::default() }).contains("orientation"));
+    assert!(refused(Tiff { missing: vec![0, 1, 2], ..Tiff::default() }).contains("none of its blocks"));
+    let mut jpeg = Tiff::default().encode(height);
+    set_short(&mut jpeg, 259, 7);
+    let error = open(&folder.put("sample.tif", jpeg)).map(drop).unwrap_err().to_string();
+    assert!(error.contains("JPEG (number 7)") && error.contains("gdal_translate -co COMPRESS=DEFLATE"), "{error}");
 }
 
 #[test]
@@ -182,8 +243,9 @@ fn void_is_what_the_file_declares_or_the_user_says() {
 fn blocks_that_are_not_stored_are_void() {
     let folder = Folder::new();
     let tiff = Tiff { width: 40, height: 20, tile: Some(16), missing: vec![1, 5], ..Tiff::default() };
-    let mut raster = open(&folder.put("sparse.tif", tiff.encode(height))).unwrap();
-    let found = read(&mut *raster).unwrap();
+    let path = folder.put("sparse.tif", tiff.encode(height));
+    let found = read(&mut *open(&path).unwrap()).unwrap();
+    assert_same(&read(&mut *open_in_no_memory(&path).unwrap()).unwrap(), &found, "by rows");
     for (n, h) in found.iter().enumerate() {
         let (i, row) = (n % 40, 19 - n / 40);
         let void = (row < 16 && (16..32).contains(&i)) || (row >= 16 && i >= 32);

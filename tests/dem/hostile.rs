@@ -6,11 +6,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use sightline::dem::{DemError, MAX_HEIGHT_M};
+use sightline::dem::{DemError, MAX_HEIGHT_M, Raster};
 
 use crate::encoders::{gz, hgt, zip};
 use crate::samples::{asc, dted, for_each_mutation, pngs, raws, tiffs, usgs};
-use crate::{Folder, open};
+use crate::{Folder, open, open_in_no_memory};
 
 /// Panics on any thread since the first sample was tried; the reader's own net must stay empty.
 static PANICS: AtomicU32 = AtomicU32::new(0);
@@ -32,7 +32,10 @@ pub(crate) fn without_panics(what: &str, attempt: impl FnOnce()) {
 
 /// Reads up to `rows` rows and checks what a raster promises. Whether it could be read.
 pub(crate) fn try_read(path: &Path, rows: u32) -> Result<(), DemError> {
-    let mut raster = open(path)?;
+    check_rows(open(path)?, rows)
+}
+
+fn check_rows(mut raster: Box<dyn Raster>, rows: u32) -> Result<(), DemError> {
     let info = raster.info().clone();
     assert!(info.nx >= 2 && info.ny >= 2 && info.unit_m > 0.0);
     let place = info.georeference;
@@ -63,7 +66,11 @@ fn survive(folder: &Folder, name: &str, sample: &[u8], rows: u32) -> u32 {
     assert_eq!(try_read(&folder.put(name, sample), rows), Ok(()), "{name}");
     for_each_mutation(sample, |content, what| {
         let path = folder.put(name, content);
-        without_panics(&format!("{name}: {what}"), || read += u32::from(try_read(&path, rows).is_ok()));
+        without_panics(&format!("{name}: {what}"), || {
+            read += u32::from(try_read(&path, rows).is_ok());
+            // The same with nothing at hand.
+            let _ = open_in_no_memory(&path).and_then(|raster| check_rows(raster, rows));
+        });
     });
     read
 }

@@ -26,6 +26,11 @@ fn open(path: &Path) -> Result<Box<dyn Raster>, DemError> {
     dem::open(&[path.to_owned()], &OpenOptions::default(), &mut |_| ())
 }
 
+/// Opens one file whose reader may keep nothing at hand.
+fn open_in_no_memory(path: &Path) -> Result<Box<dyn Raster>, DemError> {
+    dem::open(&[path.to_owned()], &OpenOptions { memory_bytes: 0, ..OpenOptions::default() }, &mut |_| ())
+}
+
 /// All heights, south row first.
 fn read(raster: &mut dyn Raster) -> Result<Vec<f64>, DemError> {
     let (nx, ny) = (raster.info().nx as usize, raster.info().ny);

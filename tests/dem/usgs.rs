@@ -3,7 +3,7 @@
 use sightline::dem::DemError;
 
 use crate::encoders::Usgs;
-use crate::{Folder, assert_same, open, read};
+use crate::{Folder, assert_same, open, open_in_no_memory, read};
 
 const NAN: f64 = f64::NAN;
 
@@ -21,6 +21,28 @@ fn profiles_that_begin_anywhere_leave_voids_around_them() {
         assert_eq!((place.epsg, place.origin, place.step), (Some(26_710), [557_820.0, 5_108_100.0], [30.0; 2]));
         assert!(info.notes.iter().any(|n| n.contains("NGVD 29")));
         assert_same(&read(&mut *raster).unwrap(), &expected, name);
+        // With its samples in a file.
+        assert_same(&read(&mut *open_in_no_memory(&folder.0.path().join(name)).unwrap()).unwrap(), &expected, name);
+    }
+}
+
+/// More posts than a band has, so that profiles are read a piece at a time.
+#[test]
+fn profiles_of_many_bands_come_out_row_by_row() {
+    let folder = Folder::new();
+    let height = |i: usize, j: usize| (i * 31 + j * 7) as i32 % 3000;
+    let profiles: Vec<_> =
+        (0..700).map(|i| (i % 40, (i % 40..900 + i % 30).map(|j| height(i, j)).collect::<Vec<_>>())).collect();
+    let path = folder.put("large.dem", Usgs::default().encode(&profiles));
+    for mut raster in [open(&path).unwrap(), open_in_no_memory(&path).unwrap()] {
+        let (nx, ny) = (raster.info().nx as usize, raster.info().ny as usize);
+        assert_eq!((nx, ny), (700, 929));
+        let found = read(&mut *raster).unwrap();
+        for (n, found) in found.iter().enumerate() {
+            let (i, j) = (n % nx, n / nx);
+            let known = (i % 40..900 + i % 30).contains(&j);
+            assert!(if known { *found == f64::from(height(i, j)) } else { found.is_nan() }, "({i}, {j}): {found}");
+        }
     }
 }
 

@@ -1,27 +1,39 @@
 //! How an image's samples are stored, checked against the length of the file.
 
+use std::ops::Range;
 use std::path::Path;
 
-use tiff_reader::Ifd;
+use tiff_reader::{ByteOrder, Ifd};
 
+use super::rows::Coding;
 use crate::dem::DemError;
 use crate::dem::sample::Sample;
 
-/// Most bytes of a decoded band of blocks from west to east.
+/// Most bytes of a block and of a band of blocks that are decoded at once.
 pub(super) const MAX_BAND_BYTES: usize = 1 << 30;
-/// A block or band of this size is allowed whatever the file's length.
+/// A block of this size is allowed whatever the file's length, and a row of heights of eight times as many.
 const FREE_BYTES: u64 = 1 << 20;
-/// A block of this size (1024 x 1024 float32) may be left out whatever the file's length.
-const FREE_MISSING_BYTES: u64 = 4 << 20;
-/// Bands are made of as many rows of blocks as fit in this.
+/// Bands are made of as many rows, or rows of blocks, as fit in this.
 const BAND_BYTES: u64 = 1 << 20;
-/// TIFF compression codes. JPEG and WebP exist as well, but lose what heights need.
-const NONE: u16 = 1;
-const LZW: u16 = 5;
-const DEFLATE: [u16; 2] = [8, 32_946];
-const PACK_BITS: u16 = 32_773;
+/// TIFF compression codes.
+pub(super) const NONE: u16 = 1;
+pub(super) const LZW: u16 = 5;
+pub(super) const DEFLATE: [u16; 2] = [8, 32_946];
+pub(super) const PACK_BITS: u16 = 32_773;
 const LERC: u16 = 34_887;
-const ZSTD: u16 = 50_000;
+pub(super) const ZSTD: u16 = 50_000;
+/// Others that are met, by name. Some of them lose what heights need.
+const OTHER_COMPRESSIONS: [(u16, &str); 9] = [
+    (2, "CCITT RLE"),
+    (3, "CCITT fax 3"),
+    (4, "CCITT fax 4"),
+    (6, "old JPEG"),
+    (7, "JPEG"),
+    (34_712, "JPEG 2000"),
+    (34_925, "LZMA"),
+    (50_001, "WebP"),
+    (50_002, "JPEG XL"),
+];
 /// TIFF's orientation tag; 1 is north row first, west column first.
 const TAG_ORIENTATION: u16 = 274;
 /// Photometric interpretations of one-band rasters: white is zero, black is zero.
@@ -39,9 +51,14 @@ pub(super) struct Layout {
     pub(super) missing_blocks: usize,
     /// Which ones, row by row of blocks; empty when there are none.
     missing: Vec<bool>,
-    block_width: usize,
-    block_height: usize,
-    /// Rows of a band at hand: a multiple of the block's.
+    pub(super) block_width: usize,
+    pub(super) block_height: usize,
+    /// Samples of a pixel that a block holds, and parts of the table of blocks of which the first is for the first band.
+    interleaved: usize,
+    planes: usize,
+    compression: u16,
+    predictor: u16,
+    /// Rows that are at hand together.
     band_height: usize,
 }
 
@@ -54,36 +71,83 @@ impl Layout {
         if [width, height].iter().any(|n| !(2..=(1 << 30) + 1).contains(n)) {
             return Err(malformed(format!("{width} x {height} posts; a grid has 2 to 2^30 + 1 posts a side")));
         }
+        if u64::from(width) > FREE_BYTES.max(file_bytes / 4) {
+            return Err(malformed(format!("rows of {width} posts are too long for a file of {file_bytes} bytes")));
+        }
         let sample = sample_of(path, ifd, &raster)?;
         let (block_width, block_height) = block_size(ifd, width, height);
         if block_width == 0 || block_height == 0 {
             return Err(malformed("its blocks have no extent".to_owned()));
         }
-        let row_of_blocks = (width as usize * sample.bytes()).saturating_mul(block_height) as u64;
-        let band_blocks = (BAND_BYTES / row_of_blocks).max(1) as usize;
+        let bands = raster.samples_per_pixel;
+        let (planes, interleaved) = if raster.planar_configuration == 1 { (1, bands) } else { (bands, 1) };
         let mut layout = Self {
             width,
             height,
             sample,
-            bands: raster.samples_per_pixel,
+            bands,
             missing_blocks: 0,
             missing: Vec::new(),
             block_width,
             block_height,
-            band_height: block_height.saturating_mul(band_blocks).min(height as usize),
+            interleaved,
+            planes,
+            compression: ifd.compression(),
+            predictor: raster.predictor,
+            band_height: 1,
         };
-        let (planes, interleaved) =
-            if raster.planar_configuration == 1 { (1, layout.bands) } else { (layout.bands, 1) };
-        let table = layout.table(path, ifd, planes)?;
-        let limits = Limits {
-            file_bytes,
-            ratio: greatest_ratio(ifd.compression()),
-            block_bytes: (block_width as u64)
-                .saturating_mul(block_height as u64)
-                .saturating_mul((sample.bytes() * interleaved) as u64),
-        };
-        layout.check_blocks(path, &table, &limits)?;
+        let table = layout.table(path, ifd)?;
+        layout.check_blocks(path, &table, file_bytes)?;
+        layout.use_whole_blocks();
         Ok(layout)
+    }
+
+    /// How samples are written, where rows of blocks can be had one by one.
+    pub(super) fn coding(&self, ifd: &Ifd, order: ByteOrder, memory_bytes: usize) -> Option<Coding> {
+        Coding::of(ifd, order, self.sample, self.predictor, self.interleaved, memory_bytes)
+    }
+
+    /// Makes bands of whole blocks.
+    pub(super) fn use_whole_blocks(&mut self) {
+        let blocks = (BAND_BYTES / self.rows_bytes(self.block_height)).max(1) as usize;
+        self.band_height = self.block_height.saturating_mul(blocks).min(self.height as usize);
+    }
+
+    /// Makes bands of rows that are had one by one: any number of them where they can be had without those before them.
+    pub(super) fn use_rows(&mut self, is_direct: bool) {
+        let rows = if is_direct { (BAND_BYTES / self.rows_bytes(1)).max(1) as usize } else { self.block_height };
+        self.band_height = rows.min(self.height as usize);
+    }
+
+    /// Bytes of heights of so many rows.
+    pub(super) fn rows_bytes(&self, rows: usize) -> u64 {
+        (u64::from(self.width) * self.sample.bytes() as u64).saturating_mul(rows as u64)
+    }
+
+    /// Bytes that a band of whole blocks takes while it is decoded on some threads: itself, and for each thread a block as it
+    /// is stored and as it is decoded.
+    pub(super) fn whole_bytes(&self, threads: usize) -> u64 {
+        let blocks = self.blocks().0.saturating_mul(self.band_height.div_ceil(self.block_height)).min(threads);
+        let band = self.rows_bytes(self.band_height);
+        band.saturating_add(self.block_bytes().saturating_mul(2).saturating_mul(blocks as u64))
+    }
+
+    /// Bytes of a decoded block.
+    fn block_bytes(&self) -> u64 {
+        let posts = (self.block_width as u64).saturating_mul(self.block_height as u64);
+        posts.saturating_mul((self.sample.bytes() * self.interleaved) as u64)
+    }
+
+    /// What is said where blocks are too large to be decoded at once and cannot be had row by row.
+    pub(super) fn refusal(&self, path: &Path, memory_bytes: u64) -> DemError {
+        let detail = format!(
+            "its blocks are compressed with LERC and decode to {} bytes each, a row of them to {}, which does not fit into \
+             the {memory_bytes} bytes that its reader may take; write it out with small tiles (gdal_translate -co \
+             TILED=YES -co COMPRESS=DEFLATE), or give more --memory",
+            self.block_bytes(),
+            self.rows_bytes(self.band_height)
+        );
+        DemError::refused(path, detail)
     }
 
     /// Columns and rows of blocks.
@@ -92,7 +156,7 @@ impl Layout {
     }
 
     /// Offset and length of each block of the first band, of tables that are as long as the image needs.
-    fn table(&self, path: &Path, ifd: &Ifd, planes: usize) -> Result<Vec<(u64, u64)>, DemError> {
+    pub(super) fn table(&self, path: &Path, ifd: &Ifd) -> Result<Vec<(u64, u64)>, DemError> {
         let (offsets, lengths) = if ifd.is_tiled() {
             (ifd.tile_offsets(), ifd.tile_byte_counts())
         } else {
@@ -100,7 +164,7 @@ impl Layout {
         };
         let (offsets, lengths) = (offsets.unwrap_or_default(), lengths.unwrap_or_default());
         let (columns, rows) = self.blocks();
-        let blocks = (columns * rows).checked_mul(planes);
+        let blocks = (columns * rows).checked_mul(self.planes);
         if blocks != Some(offsets.len()) || blocks != Some(lengths.len()) {
             let detail = format!(
                 "{} x {} posts in blocks of {} x {} do not need tables of {} and {} blocks",
@@ -117,40 +181,63 @@ impl Layout {
     }
 
     /// Checks that each block is in the file, and that its stored bytes can hold what they decode to.
-    fn check_blocks(&mut self, path: &Path, table: &[(u64, u64)], limits: &Limits) -> Result<(), DemError> {
+    fn check_blocks(&mut self, path: &Path, table: &[(u64, u64)], file_bytes: u64) -> Result<(), DemError> {
         let (columns, rows) = self.blocks();
-        let mut band_stored = 0_u64;
+        let mut row_stored = 0_u64;
         for (n, &(offset, stored)) in table.iter().enumerate() {
+            if n.is_multiple_of(columns) {
+                row_stored = 0;
+            }
             if offset == 0 || stored == 0 {
                 self.missing.resize(columns * rows, false);
                 self.missing[n] = true;
                 self.missing_blocks += 1;
-                limits.check_missing(path)?;
-            } else {
-                limits.check_block(path, n, offset, stored)?;
+                continue;
             }
-            band_stored = band_stored.saturating_add(stored);
-            let below = (n / columns + 1) * self.block_height;
-            let last = below >= self.height as usize || below.is_multiple_of(self.band_height);
-            if last && (n + 1).is_multiple_of(columns) {
-                self.check_band(path, band_stored, limits)?;
-                band_stored = 0;
+            self.check_block(path, n, (offset, stored), file_bytes)?;
+            row_stored = row_stored.saturating_add(stored);
+            if row_stored > file_bytes {
+                let detail = format!("its blocks overlap: a row of them claims {row_stored} of {file_bytes} bytes");
+                return Err(DemError::malformed(path, super::FORMAT, detail));
             }
+        }
+        if self.missing_blocks == table.len() {
+            return Err(DemError::refused(path, "none of its blocks is stored: it holds no heights"));
         }
         Ok(())
     }
 
-    fn check_band(&self, path: &Path, stored: u64, limits: &Limits) -> Result<(), DemError> {
-        if stored > limits.file_bytes {
-            let detail = format!("its blocks overlap: a row of them claims {stored} of {} bytes", limits.file_bytes);
+    fn check_block(
+        &self,
+        path: &Path,
+        n: usize,
+        (offset, stored): (u64, u64),
+        file_bytes: u64,
+    ) -> Result<(), DemError> {
+        if offset.checked_add(stored).is_none_or(|end| end > file_bytes) {
+            let detail = format!(
+                "block {n} lies at bytes {offset} to {} of a file of {file_bytes}; it is cut short: fetch it again",
+                offset.saturating_add(stored)
+            );
             return Err(DemError::malformed(path, super::FORMAT, detail));
         }
-        let bytes = self.band_height as u64 * u64::from(self.width) * self.sample.bytes() as u64;
-        let allowed = FREE_BYTES.max(stored.saturating_mul(limits.ratio)).max(limits.file_bytes.saturating_mul(2));
-        if bytes > allowed.min(MAX_BAND_BYTES as u64) {
-            return Err(too_large(path, "a row of blocks", bytes, stored));
+        let bytes = self.block_bytes();
+        if bytes > FREE_BYTES.max(stored.saturating_mul(greatest_ratio(self.compression))) {
+            let detail = format!(
+                "block {n} would decode to {bytes} bytes, more than {stored} stored bytes can hold; if the file is sound, \
+                 write it out with small tiles, for example with gdal_translate -co TILED=YES"
+            );
+            return Err(DemError::refused(path, detail));
         }
         Ok(())
+    }
+
+    /// The blocks that hold some of `rows`: number of each, its first column and row.
+    pub(super) fn blocks_of(&self, rows: Range<usize>) -> impl Iterator<Item = (usize, [usize; 2])> {
+        let (columns, (width, height)) = (self.blocks().0, (self.block_width, self.block_height));
+        (rows.start / height..rows.end.div_ceil(height)).flat_map(move |row| {
+            (0..columns).map(move |column| (row * columns + column, [column * width, row * height]))
+        })
     }
 
     /// The band that holds row `row`, both counted from the north.
@@ -175,42 +262,6 @@ impl Layout {
     }
 }
 
-/// What a block may decode to.
-struct Limits {
-    file_bytes: u64,
-    /// Most bytes that one stored byte can decode to.
-    ratio: u64,
-    /// Bytes of a decoded block.
-    block_bytes: u64,
-}
-
-impl Limits {
-    /// The decoder makes a block of zeros for one that is not stored.
-    fn check_missing(&self, path: &Path) -> Result<(), DemError> {
-        let allowed = FREE_MISSING_BYTES.max(self.file_bytes.saturating_mul(2)).min(MAX_BAND_BYTES as u64);
-        if self.block_bytes > allowed {
-            return Err(too_large(path, "a block", self.block_bytes, 0));
-        }
-        Ok(())
-    }
-
-    fn check_block(&self, path: &Path, n: usize, offset: u64, stored: u64) -> Result<(), DemError> {
-        if offset.checked_add(stored).is_none_or(|end| end > self.file_bytes) {
-            let detail = format!(
-                "block {n} lies at bytes {offset} to {} of a file of {}; it is cut short: fetch it again",
-                offset.saturating_add(stored),
-                self.file_bytes
-            );
-            return Err(DemError::malformed(path, super::FORMAT, detail));
-        }
-        let allowed = FREE_BYTES.max(stored.saturating_mul(self.ratio)).min(MAX_BAND_BYTES as u64);
-        if self.block_bytes > allowed {
-            return Err(too_large(path, "a block", self.block_bytes, stored));
-        }
-        Ok(())
-    }
-}
-
 fn sample_of(path: &Path, ifd: &Ifd, raster: &tiff_reader::RasterLayout) -> Result<Sample, DemError> {
     let photometric = ifd.photometric_interpretation().unwrap_or(GREY[1]);
     if !GREY.contains(&photometric) {
@@ -224,7 +275,11 @@ fn sample_of(path: &Path, ifd: &Ifd, raster: &tiff_reader::RasterLayout) -> Resu
     }
     let compression = ifd.compression();
     if ![NONE, LZW, DEFLATE[0], DEFLATE[1], PACK_BITS, LERC, ZSTD].contains(&compression) {
-        let detail = format!("its compression, number {compression}, is not read; write it out with deflate");
+        let name = OTHER_COMPRESSIONS.iter().find(|(code, _)| *code == compression).map_or("unnamed", |(_, name)| name);
+        let detail = format!(
+            "its compression, {name} (number {compression}), is not read; write it out with gdal_translate -co \
+             COMPRESS=DEFLATE"
+        );
         return Err(DemError::refused(path, detail));
     }
     Sample::from_tiff(raster.sample_format, raster.bits_per_sample).ok_or_else(|| {
@@ -254,12 +309,4 @@ fn greatest_ratio(compression: u16) -> u64 {
         PACK_BITS => 64,
         _ => 1032,
     }
-}
-
-fn too_large(path: &Path, what: &str, bytes: u64, stored: u64) -> DemError {
-    let detail = format!(
-        "{what} would decode to {bytes} bytes, more than {stored} stored bytes can hold or than is allowed at once; if \
-         the file is sound, write it out with small tiles, for example with gdal_translate -co TILED=YES"
-    );
-    DemError::refused(path, detail)
 }

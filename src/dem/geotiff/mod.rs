@@ -2,18 +2,23 @@
 //! their codecs and predictors, integer samples of 8 to 32 bits and floating-point ones of 32 and 64.
 //!
 //! What they do not promise is checked here, before a block is decoded: that the block tables have the length that the
-//! image needs, that every block lies in the file, and that a block and a band of blocks are no larger than the stored
-//! bytes can hold (`layout`). A panic in a decoder is caught as the last resort, because the codecs are many and the
-//! input is hostile; none is known.
+//! image needs, that every block lies in the file, and that it is no larger than the stored bytes can hold (`layout`). A
+//! panic in a decoder is caught as the last resort, because the codecs are many and the input is hostile; none is known.
 //!
 //! Only the first image that is not an overview counts, and its first band. Blocks that are not stored are void.
-//! NODATA is tag 42113 in any spelling; without the tag, the usual values that no place has are void. Kept at hand: one band of whole blocks from west to east, decoded, and at most one block a thread beside it.
-//! A known gap: where integer samples carry a LERC mask, tiff-reader gives masked pixels as 0; GDAL writes no such
-//! file.
+//! NODATA is tag 42113 in any spelling; without the tag, the usual values that no place has are void. A known gap: where
+//! integer samples carry a LERC mask, tiff-reader gives masked pixels as 0; GDAL writes no such file.
+//!
+//! Kept at hand: one band of whole blocks from west to east, decoded by tiff-reader on all threads. Where that would be
+//! more than the reader may take, or than twice the file and [`FREE_BYTES`], such as for a file of one strip, blocks are
+//! decoded row by row (`rows`) into a [`Spool`]. Samples without compression are read that way, too, some rows at a time.
 
 mod layout;
 mod place;
+mod rows;
 
+use std::fs::File;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
@@ -22,8 +27,10 @@ use tiff_reader::{Ifd, ParseBudgets, TiffFile};
 
 use super::nodata::{self, Nodata};
 use super::sample::Sample;
+use super::spool::Spool;
 use super::{DemError, FLOAT_UNIT_M, MAX_HEIGHT_M, OpenOptions, Raster, RasterInfo, crs};
 use layout::Layout;
+use rows::Coding;
 
 /// The format's name in messages.
 const FORMAT: &str = "GeoTIFF";
@@ -36,6 +43,9 @@ const TAG_GDAL_METADATA: u16 = 42112;
 const TAG_GDAL_NODATA: u16 = 42113;
 /// Bit of NewSubfileType that marks an overview, and the tag.
 const TAG_NEW_SUBFILE_TYPE: u16 = 254;
+
+/// What a band may take at hand whatever the file's length.
+const FREE_BYTES: u64 = 8 << 20;
 
 /// The decoder's handle.
 enum Handle {
@@ -64,9 +74,21 @@ pub(super) struct GeoTiff {
     nodata: Nodata,
     /// Metres per sample unit.
     sample_m: f64,
+    /// Bytes that may be at hand.
+    memory_bytes: u64,
+    by_row: Option<ByRow>,
     /// The band at hand, counted from the north, and its samples in the machine's byte order.
     held: Option<usize>,
-    bytes: Vec<u8>,
+    bytes: Spool,
+    row: Vec<u8>,
+}
+
+/// What reads blocks row by row.
+struct ByRow {
+    file: File,
+    coding: Coding,
+    /// Offset and length of each block.
+    table: Vec<(u64, u64)>,
 }
 
 impl GeoTiff {
@@ -100,8 +122,35 @@ impl GeoTiff {
         let unit_m = if layout.sample.is_float() { FLOAT_UNIT_M } else { sample_m };
         let format = format!("{FORMAT}, {}", layout.sample.name());
         let info = RasterInfo { format, nx, ny, georeference, unit_m, notes };
-        let path = path.to_owned();
-        Ok(Self { path, info, handle, image, layout, nodata, sample_m, held: None, bytes: Vec::new() })
+        let mut raster = Self {
+            path: path.to_owned(),
+            info,
+            handle,
+            image,
+            layout,
+            nodata,
+            sample_m,
+            memory_bytes: 0,
+            by_row: None,
+            held: None,
+            bytes: Spool::new(0),
+            row: Vec::new(),
+        };
+        raster.limit_memory(options.memory_bytes)?;
+        Ok(raster)
+    }
+
+    /// Decodes whole blocks of some rows.
+    fn whole_blocks(&self, row: usize, rows: usize) -> Result<Spool, DemError> {
+        if self.layout.whole_bytes(threads()) > self.memory_bytes {
+            return Err(self.layout.refusal(&self.path, self.memory_bytes));
+        }
+        let tiff = self.handle.tiff();
+        let bytes = guarded(&self.path, || {
+            tiff.read_band_window_bytes(self.image, 0, row, 0, rows, self.layout.width as usize)
+                .map_err(|e| malformed(&self.path, &e))
+        });
+        Ok(Spool::of(bytes?))
     }
 
     /// Puts band `band` at hand.
@@ -109,17 +158,49 @@ impl GeoTiff {
         if self.held == Some(band) {
             return Ok(());
         }
-        self.held = None;
-        self.bytes = Vec::new();
+        self.release();
         let (row, rows) = self.layout.band_rows(band);
-        let tiff = self.handle.tiff();
-        self.bytes = guarded(&self.path, || {
-            tiff.read_band_window_bytes(self.image, 0, row, 0, rows, self.layout.width as usize)
-                .map_err(|e| malformed(&self.path, &e))
-        })?;
+        self.bytes = match &self.by_row {
+            None => self.whole_blocks(row, rows)?,
+            Some(by_row) => {
+                guarded(&self.path, || by_row.decode(&self.path, &self.layout, row..row + rows, self.memory_bytes))?
+            }
+        };
         self.held = Some(band);
         Ok(())
     }
+}
+
+impl ByRow {
+    /// Decodes some rows.
+    fn decode(&self, path: &Path, layout: &Layout, rows: Range<usize>, memory_bytes: u64) -> Result<Spool, DemError> {
+        let bytes = layout.rows_bytes(rows.len());
+        // All of it in memory, or all in a file.
+        let mut spool = if bytes <= memory_bytes { Spool::of(vec![0; bytes as usize]) } else { Spool::new(0) };
+        let (width, size) = (layout.width as usize, layout.sample.bytes());
+        for (n, [west, north]) in layout.blocks_of(rows.clone()) {
+            let stored = self.table[n];
+            if stored.0 == 0 || stored.1 == 0 {
+                continue;
+            }
+            let within = rows.start.max(north)..rows.end.min(north + layout.block_height);
+            let wanted = (width - west).min(layout.block_width) * size;
+            let mut put = |row: usize, samples: &[u8]| {
+                let at = ((north + row - rows.start) * width + west) * size;
+                spool.write_at(at as u64, &samples[..wanted])
+            };
+            let within = within.start - north..within.end - north;
+            self.coding
+                .rows(&self.file, stored, layout.block_width, within, &mut put)
+                .map_err(|error| malformed(path, &format!("block {n}: {error}")))?;
+        }
+        Ok(spool)
+    }
+}
+
+/// Threads that decode blocks side by side.
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 impl Raster for GeoTiff {
@@ -132,9 +213,10 @@ impl Raster for GeoTiff {
         let band = self.layout.band_of(from_north);
         self.hold(band)?;
         let (first, _) = self.layout.band_rows(band);
-        let row_bytes = out.len() * self.layout.sample.bytes();
-        let start = (from_north - first) * row_bytes;
-        self.layout.sample.decode(&self.bytes[start..start + row_bytes], out);
+        self.row.resize(out.len() * self.layout.sample.bytes(), 0);
+        let start = self.layout.rows_bytes(from_north - first);
+        let samples = self.bytes.read_at(start, &mut self.row).map_err(|e| DemError::io(&self.path, &e))?;
+        self.layout.sample.decode(samples, out);
         self.layout.mark_missing(from_north, out);
         for (i, height) in (0..).zip(out.iter_mut()) {
             if self.nodata.is_void(*height) {
@@ -148,6 +230,37 @@ impl Raster for GeoTiff {
             *height = metres;
         }
         Ok(())
+    }
+
+    fn release(&mut self) {
+        (self.held, self.bytes) = (None, Spool::new(0));
+    }
+
+    fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
+        self.release();
+        let ifd = self.handle.tiff().ifd(self.image).map_err(|e| malformed(&self.path, &e))?;
+        let file_bytes = std::fs::metadata(&self.path).map_err(|e| DemError::io(&self.path, &e))?.len();
+        self.memory_bytes = (bytes as u64).min(file_bytes.saturating_mul(2).saturating_add(FREE_BYTES));
+        self.layout.use_whole_blocks();
+        let coding = self.layout.coding(ifd, self.handle.tiff().byte_order(), bytes);
+        let fits = self.layout.whole_bytes(threads()) <= self.memory_bytes;
+        self.by_row = match coding.filter(|coding| coding.is_direct() || !fits) {
+            None => None,
+            Some(coding) => {
+                self.layout.use_rows(coding.is_direct());
+                let file = File::open(&self.path).map_err(|e| DemError::io(&self.path, &e))?;
+                Some(ByRow { file, coding, table: self.layout.table(&self.path, ifd)? })
+            }
+        };
+        Ok(())
+    }
+
+    fn memory_bytes(&self) -> u64 {
+        let band = match &self.by_row {
+            None => self.layout.whole_bytes(threads()),
+            Some(_) => self.layout.rows_bytes(self.layout.band_rows(0).1),
+        };
+        band.min(self.memory_bytes)
     }
 }
 
