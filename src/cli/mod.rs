@@ -30,6 +30,7 @@ mod progress;
 mod relief;
 mod replay;
 mod serve;
+mod statistics;
 mod status;
 mod table;
 mod verify;

@@ -25,6 +25,7 @@ mod pages;
 mod reader;
 mod scratch;
 mod source;
+mod statistics;
 #[cfg(test)]
 mod tests;
 mod verify;
@@ -35,5 +36,8 @@ pub use error::{OpenError, WriteError};
 pub use ingest::{IngestError, IngestOptions, IngestProgress, Ingested, Stage, VoidPolicy, ingest};
 pub use manifest::{Provenance, TerrainManifest};
 pub use reader::{Database, OpenOptions, Reads, SectionInfo};
+pub use statistics::{
+    DEVIATION_PERCENTS, HEIGHT_BANDS, HEIGHT_PERCENTS, HeightStatistics, LevelStatistics, Statistics, statistics,
+};
 pub use verify::{Verification, verify};
 pub use writer::{Description, Written, write};

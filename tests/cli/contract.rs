@@ -10,7 +10,7 @@ const COMMON: [&str; 4] = ["--help", "--json", "--quiet", "--threads"];
 /// Each verb with its arguments and its own options.
 const VERBS: [(&str, &str, &str); 18] = [
     ("ingest", "<INPUT>...", "-o --unit --void --nodata --crs --memory --png --resample --check --force"),
-    ("info", "<DB>", "--thumbnail --force"),
+    ("info", "<DB>", "--thumbnail --statistics --force"),
     ("verify", "<DB>", ""),
     (
         "los",

@@ -7,15 +7,19 @@ use std::{
 
 use super::{program, sightline, status, text};
 
+/// Columns and rows from the north of the sample's voids, and its heights elsewhere.
+fn sample_height(column: u32, row: u32) -> Option<u32> {
+    let void = row == 5 && (column == 7 || column == 8);
+    (!void).then_some((column * 13 + row * 7) % 101)
+}
+
 /// An Esri ASCII grid of 70 x 66 posts of which two are void.
 fn sample(folder: &Path) -> PathBuf {
     let path = folder.join("hills.asc");
     let mut grid = "ncols 70\nnrows 66\nxllcorner 1000\nyllcorner 2000\ncellsize 10\nNODATA_value -9999\n".to_owned();
     for row in 0..66 {
         for column in 0..70 {
-            let void = row == 5 && (column == 7 || column == 8);
-            let z = if void { -9999 } else { (column * 13 + row * 7) % 101 };
-            grid += &format!("{z} ");
+            grid += &sample_height(column, row).map_or_else(|| "-9999 ".to_owned(), |z| format!("{z} "));
         }
         grid += "\n";
     }
@@ -64,6 +68,47 @@ fn a_grid_is_ingested_shown_and_verified() {
     let voids: Vec<_> = (0..512 * 482).filter(|&n| blue(n)).map(|n| (n % 512 * 69 / 512, n / 512 * 65 / 482)).collect();
     assert!(!voids.is_empty() && voids.iter().all(|&(i, j)| (6..=9).contains(&i) && (3..=6).contains(&j)), "{voids:?}");
     assert_eq!(status(&sightline(&draw)), 4, "a picture that exists is kept");
+}
+
+#[test]
+fn statistics_are_those_of_the_grid_and_told_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = sample(folder.path());
+    let database = folder.path().join("hills.sldb");
+    let (input, db) = (input.to_str().unwrap(), database.to_str().unwrap());
+    assert_eq!(status(&sightline(&["ingest", input, "-o", db, "--unit", "0.5", "--quiet"])), 0);
+    let json = |args: &[&str]| -> serde_json::Value {
+        let output = sightline(args);
+        assert_eq!(status(&output), 0, "{}", text(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    assert!(json(&["info", db, "--json"])["statistics"].is_null());
+    let found = &json(&["info", db, "--statistics", "--json"])["statistics"];
+    let mut known: Vec<_> = (0..66).flat_map(|row| (0..70).filter_map(move |i| sample_height(i, row))).collect();
+    known.sort_unstable();
+    let heights = &found["heights"];
+    assert_eq!(heights["known_posts"].as_u64(), Some(known.len() as u64));
+    let mean = f64::from(known.iter().sum::<u32>()) / known.len() as f64;
+    assert!((heights["mean_m"].as_f64().unwrap() - mean).abs() < 1e-9);
+    assert_eq!(heights["quantiles"][3]["height_m"].as_f64(), Some(f64::from(known[known.len() / 2 - 1])));
+    assert_eq!((heights["pages"].as_u64(), heights["pages_with_voids"].as_u64()), (Some(4), Some(1)));
+    let total = |list: &serde_json::Value, key: &str| -> u64 {
+        list.as_array().unwrap().iter().map(|item| item[key].as_u64().unwrap()).sum()
+    };
+    assert_eq!(total(&heights["bands"], "posts"), known.len() as u64);
+    let levels = &found["levels"];
+    // Of the root square's corners one lies in the grid, and is no diamond.
+    assert_eq!((levels.as_array().unwrap().len(), total(levels, "diamonds")), (14, 70 * 66 - 1));
+    assert_eq!(
+        (levels[0]["half_length_posts"].as_u64(), levels[13]["half_length_posts"].as_u64()),
+        (Some(64), Some(1))
+    );
+    assert_eq!(levels[13]["half_length_m"]["east"].as_f64(), Some(10.0));
+    let words = sightline(&["info", db, "--statistics"]);
+    let (words, _) = (text(&words.stdout), text(&words.stderr));
+    for expected in ["known         4618 posts", "50 % up to", "1 of 4 pages", "     13           1 "] {
+        assert!(words.contains(expected), "{expected} in {words}");
+    }
 }
 
 #[test]
