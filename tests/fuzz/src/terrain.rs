@@ -2,5 +2,7 @@
 
 #[path = "../../../src/terrain/georeference.rs"]
 mod georeference;
+#[path = "../../../src/terrain/projection.rs"]
+mod projection;
 
 pub use georeference::{Georeference, SceneScale};
