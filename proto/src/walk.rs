@@ -325,7 +325,7 @@ fn before(k: u32) -> u32 {
 /// Towards which corners there is a place: where the children on both sides are active, as far as they exist.
 fn places(diamond: &Diamond, children: &Children) -> u32 {
     let cut = u32::from(diamond.is_cut);
-    let open = children.active | cut * BESIDE_SECOND_APEX;
+    let open = children.active | (cut * BESIDE_SECOND_APEX);
     // Bit k of the turned ones is that of child k - 1.
     let turned = (open << 1 | open >> 3) & 0b1111;
     open & turned & !(cut << SECOND_APEX)
