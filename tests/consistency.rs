@@ -13,7 +13,6 @@ use std::{
 use serde_json::Value;
 use sightline::{
     database::{Database, OpenOptions},
-    evaluate::recording,
     service,
     terrain::synthetic::fractal_height,
 };
@@ -192,10 +191,19 @@ fn a_scene_generator_draws_records_and_checks_itself() {
         flown["pictures"].as_array().unwrap().iter().map(|p| std::fs::read(p.as_str().unwrap()).unwrap()).collect();
     assert_eq!(drawn.len(), 6);
     assert!(drawn.iter().all(|png| png.starts_with(b"\x89PNG")));
-    let kept = recording::open(&std::fs::read(&record).unwrap()).unwrap();
-    let replayed = recording::replay(&kept).unwrap();
-    assert_eq!(flown["frames"].as_u64(), Some(replayed.frames));
-    assert_eq!(flown["last_hash"].as_str(), Some(&*format!("{:016x}", replayed.last_hash)));
+    // What was recorded is checked against the terrain.
+    let checked = sightline(&["--json", "replay", &record, "--db", database().to_str().unwrap()]);
+    assert!(checked.status.success(), "{}", text(&checked.stderr));
+    let checked: Value = serde_json::from_slice(&checked.stdout).unwrap();
+    let replayed = &checked["replayed"];
+    assert_eq!(flown["frames"], replayed["frames"]);
+    assert_eq!(flown["last_hash"].as_str(), Some(&*format!("{:016x}", replayed["last_hash"].as_u64().unwrap())));
+    let mut bytes = std::fs::read(&record).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(path("damaged"), bytes).unwrap();
+    let damaged = sightline(&["replay", &path("damaged"), "--db", database().to_str().unwrap()]);
+    assert!(damaged.status.code() == Some(3) && text(&damaged.stderr).contains("checksum"));
     // Sliding is drawing only: other pictures, with the triangles of posts that leave, of the same meshes.
     let flown = |name: &str, more: &[&str]| {
         let (pictures, usual) = (path(name), ["--frames", "6", "--every", "4", "--viewport", "160x90"]);

@@ -1,7 +1,10 @@
 //! Recorded sessions of a view: the bytes received, kept in an envelope, and what can be said of them later.
 //!
-//! A recording holds the messages of one scene stream as they came, the opening first. Replaying it takes nothing else:
-//! the same replica, the same hashes, the same verdicts.
+//! A recording holds the messages of one scene stream as they came, the opening first. Replaying it takes nothing else
+//! for the same replica, the same hashes and the same verdicts on it; a truth of its own tells whether the verdicts that
+//! the server stated are those of the finest terrain.
+
+use std::collections::BTreeMap;
 
 use prost::Message;
 use serde::{Deserialize, Serialize};
@@ -9,6 +12,7 @@ use sightline_client::scene::{Event, SceneError, SceneState};
 use sightline_proto::v1::{self, stream_scene_response::Response};
 use thiserror::Error;
 
+use super::oracle::{Ends, Oracle, OracleError};
 use crate::database::envelope::{self, EnvelopeError, Sealed};
 
 /// Greatest size of a recording's value in bytes.
@@ -81,6 +85,10 @@ pub struct Replayed {
     pub comparisons: u64,
     /// Verdicts that differ without being named.
     pub silent_disagreements: u64,
+    /// Lines whose stated verdict was compared with the truth, each time that they moved.
+    pub judged: u64,
+    /// Stated verdicts that are not the truth.
+    pub wrong_verdicts: u64,
     /// Hash of the last mesh.
     pub last_hash: u64,
 }
@@ -110,6 +118,17 @@ pub enum ReplayError {
     /// The first message does not open a view.
     #[error("the recording does not begin with the opening of a view")]
     Opening,
+    /// Another terrain than the one that it was recorded on.
+    #[error("it was recorded on terrain {recorded}, this is {found}")]
+    Terrain {
+        /// The terrain version, as hexadecimal digits.
+        recorded: String,
+        /// That of the terrain given.
+        found: String,
+    },
+    /// The truth cannot be had.
+    #[error(transparent)]
+    Oracle(#[from] OracleError),
 }
 
 /// The bytes of a file that holds the recording.
@@ -122,8 +141,14 @@ pub fn open(bytes: &[u8]) -> Result<Recording, EnvelopeError> {
     envelope::open::<Recording, RECORDING_LIMIT>(bytes)
 }
 
-/// Plays a recording through a fresh replica, checking each frame as a client does.
-pub fn replay(recording: &Recording) -> Result<Replayed, ReplayError> {
+/// Plays a recording through a fresh replica, checking each frame as a client does, and the server's verdicts by `truth`,
+/// on the terrain of this version. `passed` is told how many messages have been.
+pub fn replay(
+    recording: &Recording,
+    version: &[u8],
+    truth: &mut impl Oracle,
+    passed: &mut dyn FnMut(usize),
+) -> Result<Replayed, ReplayError> {
     let decode = |n: usize| {
         v1::StreamSceneResponse::decode(&recording.messages[n][..])
             .map_err(|e| ReplayError::Message { message: n, detail: e.to_string() })
@@ -132,12 +157,21 @@ pub fn replay(recording: &Recording) -> Result<Replayed, ReplayError> {
         return Err(ReplayError::Opening);
     }
     let Some(Response::Opened(opened)) = decode(0)?.response else { return Err(ReplayError::Opening) };
+    let recorded = opened.terrain.as_ref().map_or(&[][..], |terrain| &terrain.version);
+    if recorded != version {
+        let [recorded, found] = [recorded, version].map(|v| v.iter().map(|b| format!("{b:02x}")).collect());
+        return Err(ReplayError::Terrain { recorded, found });
+    }
     let fits = |message| move |source| ReplayError::Scene { message, source };
     let mut scene = SceneState::new(&opened, recording.max_triangles, recording.lines_expected).map_err(fits(0))?;
     let mut found = Replayed::default();
+    let mut judged = BTreeMap::new();
     for n in 1..recording.messages.len() {
         match scene.apply(&decode(n)?).map_err(fits(n))? {
-            Event::Exercise => found.epochs += 1,
+            Event::Exercise => {
+                found.epochs += 1;
+                judge(&scene, truth, &mut judged, &mut found)?;
+            }
             Event::Frame => {
                 found.frames += 1;
                 let stated = scene.lines().values();
@@ -146,9 +180,28 @@ pub fn replay(recording: &Recording) -> Result<Replayed, ReplayError> {
                 found.silent_disagreements += scene.silent_disagreements().len() as u64;
             }
         }
+        passed(n + 1);
     }
     found.last_hash = scene.replica().hash();
     Ok(found)
+}
+
+/// Asks the truth of each line that is new or has moved. `judged` keeps the ends and verdicts that were looked at.
+fn judge(
+    scene: &SceneState,
+    truth: &mut impl Oracle,
+    judged: &mut BTreeMap<u64, (Ends, v1::Verdict)>,
+    found: &mut Replayed,
+) -> Result<(), ReplayError> {
+    judged.retain(|id, _| scene.lines().contains_key(id));
+    for (&id, line) in scene.lines() {
+        let Some(ends) = line.ends else { continue };
+        if judged.insert(id, (ends, line.verdict)) != Some((ends, line.verdict)) {
+            found.judged += 1;
+            found.wrong_verdicts += u64::from(truth.verdict(ends)? != line.verdict);
+        }
+    }
+    Ok(())
 }
 
 fn known_verdict(line: &sightline_client::scene::StatedLine) -> bool {
@@ -157,8 +210,16 @@ fn known_verdict(line: &sightline_client::scene::StatedLine) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::oracle::FieldOracle, *};
+    use crate::terrain::MemoryField;
     use sightline_proto::diamond::Post;
+
+    /// Over flat ground with one post of such a height in its middle.
+    fn replayed(recording: &Recording, middle: f64) -> Result<Replayed, ReplayError> {
+        let height = |i, j| Some(if (i, j) == (2, 2) { middle } else { 0.0 });
+        let field = MemoryField::from_fn(5, 5, height).unwrap();
+        replay(recording, &[7], &mut FieldOracle(&field), &mut |_| {})
+    }
 
     fn recording() -> Recording {
         let terrain = v1::TerrainDescription {
@@ -169,6 +230,7 @@ mod tests {
             metres_per_post_north: 1.0,
             metres_per_height_unit: 1.0,
             corner_heights: vec![0; 4],
+            version: vec![7],
             ..Default::default()
         };
         let opened = v1::ViewOpened { terrain: Some(terrain) };
@@ -202,22 +264,32 @@ mod tests {
         let kept = recording();
         let opened = open(&seal(&kept).unwrap()).unwrap();
         assert_eq!(opened, kept);
-        let found = replay(&opened).unwrap();
+        let found = replayed(&opened, 7.0).unwrap();
         assert_eq!((found.frames, found.epochs, found.comparisons, found.silent_disagreements), (1, 1, 1, 0));
+        assert_eq!((found.judged, found.wrong_verdicts), (1, 0));
+        let elsewhere = replayed(&opened, 4.0).unwrap();
+        assert_eq!(
+            (elsewhere.judged, elsewhere.wrong_verdicts),
+            (1, 1),
+            "the server's verdict is not taken for the truth"
+        );
+        let field = MemoryField::from_fn(5, 5, |_, _| Some(0.0)).unwrap();
+        let other = replay(&opened, &[8], &mut FieldOracle(&field), &mut |_| {}).unwrap_err();
+        assert_eq!(other.to_string(), "it was recorded on terrain 07, this is 08");
     }
 
     #[test]
     fn damage_inside_a_sealed_recording_is_an_error_that_names_the_message() {
         let mut cut = recording();
         cut.messages[2].truncate(5);
-        assert!(matches!(replay(&cut), Err(ReplayError::Message { message: 2, .. })));
+        assert!(matches!(replayed(&cut, 7.0), Err(ReplayError::Message { message: 2, .. })));
         let mut swapped = recording();
         swapped.messages.swap(1, 2);
-        assert!(matches!(replay(&swapped), Err(ReplayError::Scene { message: 1, .. })));
+        assert!(matches!(replayed(&swapped, 7.0), Err(ReplayError::Scene { message: 1, .. })));
         let mut headless = recording();
         headless.messages.remove(0);
-        assert_eq!(replay(&headless), Err(ReplayError::Opening));
-        assert_eq!(replay(&Recording::default()), Err(ReplayError::Opening));
+        assert_eq!(replayed(&headless, 7.0), Err(ReplayError::Opening));
+        assert_eq!(replayed(&Recording::default(), 7.0), Err(ReplayError::Opening));
         assert!(open(&seal(&Recording::default()).unwrap()).is_err());
     }
 
