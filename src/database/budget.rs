@@ -13,8 +13,8 @@ pub const DEFAULT_MEMORY_BYTES: usize = 512 << 20;
 
 /// The program itself, its threads' stacks, and what its allocator keeps.
 const PROGRAM_BYTES: usize = 40 << 20;
-/// Entries of all pages for each page of heights: one of bounds of the finest lattice, a third for all above and the
-/// extremes, some more for levels of filled voids. Of 24 bytes each.
+/// Entries of all pages for each page of heights: one of bounds of the finest lattice, a third for all above, a twelfth for
+/// heights of coarse lattices, less for extremes, some more for levels of filled voids. Of 24 bytes each.
 const ENTRY_BYTES: usize = 64;
 /// For each post of a row: a row of pages as it is read, in f64.
 const READ_BYTES: usize = 8 * PAGE_SIDE as usize;

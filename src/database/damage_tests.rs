@@ -9,6 +9,8 @@ use std::{
     },
 };
 
+use sightline_proto::diamond::Post;
+
 use super::{
     Database, OpenError, OpenOptions, WriteError,
     budget::Budget,
@@ -176,7 +178,7 @@ fn a_file_that_shrinks_while_open_is_an_error_for_what_is_gone() {
     source.cut.store(source.bytes.len() as u64 - half, Ordering::Relaxed);
     let unreadable = unreadable_pages(&database, &field);
     assert!((1..12).contains(&unreadable), "{unreadable}");
-    assert!(matches!(database.bounds(sightline_proto::diamond::Post::new(64, 64)), Err(ReadError::Damaged { .. })));
+    assert!(matches!(database.bounds(Post::new(64, 64)), Err(ReadError::Damaged { .. })));
 }
 
 #[test]
@@ -244,7 +246,7 @@ fn huge() -> Huge {
     let manifest = envelope::seal(&manifest).unwrap();
     let lattices: Vec<_> = (1..grid.root().exponent())
         .map(|k| LatticeSize::of(grid, k))
-        .map(|size| (size, 27 * u64::from(size.columns.div_ceil(2)) * u64::from(size.rows.div_ceil(2))))
+        .map(|size| (size, 33 * u64::from(size.columns.div_ceil(2)) * u64::from(size.rows.div_ceil(2))))
         .collect();
     let extremes: Vec<_> = (1..extremes::levels(grid) + 1)
         .map(|level| extremes::extent(grid, level))
@@ -253,7 +255,7 @@ fn huge() -> Huge {
     let (sections, file_bytes) =
         plan(manifest.len() as u64, grid, Element::I16, 2 * grid.posts(), &lattices, &extremes);
     let per_post = file_bytes as f64 / grid.posts() as f64;
-    assert!((4.2..4.3).contains(&per_post) && file_bytes > 20_000_000_000, "{per_post} bytes a post");
+    assert!((4.7..4.8).contains(&per_post) && file_bytes > 20_000_000_000, "{per_post} bytes a post");
     let heights = sections.iter().find(|s| s.kind == Kind::Heights).unwrap();
     let (n, page) = (Paging::of_heights(nx, ny).number(THERE), 7_i16.to_le_bytes().repeat(4096));
     let (block, place) = (n / BLOCK_ENTRIES, (n % BLOCK_ENTRIES) as usize);
@@ -436,4 +438,47 @@ fn damaged_and_wrong_extremes_are_found() {
         assert!(found.damage.iter().any(|d| d.contains("not those of the heights")), "{found:?}");
     }
     assert_eq!(database.extremes.len(), 2);
+}
+
+/// A height beside bounds that is not that of its post, checksum and all, is found by verification; one whose bytes changed
+/// is an error for who needs it.
+#[test]
+fn damaged_and_wrong_heights_beside_bounds_are_found() {
+    let field = terrain(150, 270, 3, 1, true);
+    let (bytes, _) = written(&field, usize::MAX);
+    let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
+    for (k, &section) in (1..).zip(&database.lattices) {
+        let s = database.sections[section];
+        let (mut page, entry) = database.page_bytes(section, &Paging::of_section(&s).unwrap(), 0).unwrap();
+        // The first post of the first quad lies one step east; its height is behind nine bytes of bounds.
+        let (east, coarser) = (Post::new(1 << k, 0), Post::new(2 << k, 0));
+        let mut bad = bytes.clone();
+        bad[entry.offset as usize + 9] ^= 1;
+        let damaged = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
+        let error = damaged.bounds_and_height(east).unwrap_err().to_string();
+        assert!(error.contains(&format!("page (0, 0) of bounds of step {}", 1 << k)), "{error}");
+        assert!(field.grid().root().is_corner(coarser) || damaged.bounds_and_height(coarser).is_ok());
+        page[9] ^= 1;
+        let mut entries = database.directory_block(section, 0).unwrap().to_vec();
+        entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
+        let directory = directory::encode_block(0, &entries);
+        bad[entry.offset as usize..][..page.len()].copy_from_slice(&page);
+        bad[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
+        let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();
+        assert!(found.damage.iter().any(|d| d.contains("not those of the posts")), "{found:?}");
+    }
+    assert_eq!(database.lattices.len(), 8);
+}
+
+/// What a format version does not have, no file of it has.
+#[test]
+fn a_file_of_an_older_version_has_no_heights_beside_bounds() {
+    let (bytes, _) = written(&terrain(70, 40, 3, 1, false), usize::MAX);
+    for version in 1..4_u32 {
+        let mut other = bytes.clone();
+        other[8..12].copy_from_slice(&version.to_le_bytes());
+        let checksum = xxhash_rust::xxh3::xxh3_64(&other[..32]);
+        other[32..40].copy_from_slice(&checksum.to_le_bytes());
+        assert_eq!(Database::open_whole(Bytes::boxed(&other), NO_CACHE).is_ok(), version == 3);
+    }
 }

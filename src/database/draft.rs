@@ -10,6 +10,7 @@ use sightline_proto::diamond::Post;
 
 use super::{
     budget::Budget,
+    coarse::CoarseHeights,
     directory::Entry,
     error::WriteError,
     format::Element,
@@ -25,10 +26,12 @@ use crate::{
     wedgie::{self, BoundsStore, DiamondBounds, Effort, LatticeSize, TightReader},
 };
 
-/// Numbers of shelves: of heights; of bounds from the exponent of their step; of extremes and filled levels above these.
+/// Numbers of shelves: of heights; of bounds from the exponent of their step; of extremes, filled levels and heights of
+/// coarse lattices above these.
 const HEIGHTS: u8 = 0;
 const EXTREMES: u8 = 40;
 pub(super) const LEVELS: u8 = 60;
+pub(super) const COARSE: u8 = 100;
 
 /// What a page of heights holds.
 pub(super) struct Measured {
@@ -101,6 +104,11 @@ impl<'a> Heights<'a> {
         if self.is_wide { Element::I32 } else { Element::I16 }
     }
 
+    /// The element of all pages of bounds: with heights as these.
+    pub(super) fn element_of_bounds(&self) -> Element {
+        if self.is_wide { Element::BoundsI32 } else { Element::BoundsI16 }
+    }
+
     /// The bytes of page `id` with `element`, and its flags.
     pub(super) fn encoded(&self, id: PageId, element: Element) -> Result<(Vec<u8>, u32), WriteError> {
         let (stored, flags) = heights_format(self.shelf.entry(id));
@@ -137,6 +145,7 @@ impl HeightField for Heights<'_> {
 pub(super) struct Lattices<'a> {
     scratch: &'a Scratch,
     pub(super) shelves: Vec<(LatticeSize, Shelf<'a>)>,
+    element: Element,
     /// Rows of the last lattice that are there.
     rows: u32,
 }
@@ -150,21 +159,49 @@ impl<'a> Lattices<'a> {
         effort: Effort,
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<Self, WriteError> {
-        let mut all = Self { scratch, shelves: Vec::new(), rows: 0 };
+        let lattices = Self { scratch, shelves: Vec::new(), element: heights.element_of_bounds(), rows: 0 };
+        let mut all = InTheMaking { lattices, heights: CoarseHeights::of(scratch, heights)? };
         let wide = heights.element() == Element::I32;
         wedgie::compute_bounds(heights, scale, wide, effort, &mut all, progress)?;
-        Ok(all)
+        Ok(all.lattices)
     }
 }
 
-impl BoundsStore for Lattices<'_> {
+/// Lattices of bounds that are not yet complete, and the heights that go beside them.
+struct InTheMaking<'a, 'h> {
+    lattices: Lattices<'a>,
+    heights: CoarseHeights<'h>,
+}
+
+impl BoundsStore for InTheMaking<'_, '_> {
     type Error = WriteError;
-    type Reader<'a>
-        = Reader<'a>
+    type Reader<'r>
+        = Reader<'r>
     where
-        Self: 'a;
+        Self: 'r;
 
     fn append(&mut self, size: LatticeSize, rows: &[DiamondBounds]) -> Result<(), WriteError> {
+        self.lattices.append(size, rows, &self.heights)
+    }
+
+    fn rows(&self, size: LatticeSize, rows: Range<u32>) -> Result<Cow<'_, [DiamondBounds]>, ReadError> {
+        self.lattices.rows(size, rows)
+    }
+
+    fn reader(&self) -> Reader<'_> {
+        let lattices = &self.lattices;
+        Reader { lattices, slots: lattices.shelves.iter().map(|_| [const { None }; SLOTS]).collect() }
+    }
+}
+
+impl Lattices<'_> {
+    /// Keeps the next rows of a lattice with their heights.
+    fn append(
+        &mut self,
+        size: LatticeSize,
+        rows: &[DiamondBounds],
+        heights: &CoarseHeights<'_>,
+    ) -> Result<(), WriteError> {
         if self.shelves.last().is_none_or(|(last, _)| *last != size) {
             let paging = Paging::of_lattice(size.columns, size.rows);
             self.shelves.push((size, Shelf::new(self.scratch, size.k, paging)));
@@ -178,8 +215,9 @@ impl BoundsStore for Lattices<'_> {
             .flat_map(|pj| (0..shelf.paging.columns_rows().0).map(move |pi| PageId { pi, pj }))
             .collect();
         let put = |&id: &PageId| {
-            let diamonds = diamonds_of_page(size, id, shelf.paging.size(id), self.rows, rows);
-            Ok((id, shelf.put_bounds(id, diamonds)?))
+            let quads = shelf.paging.size(id);
+            let diamonds = diamonds_of_page(size, id, quads, self.rows, rows);
+            Ok((id, shelf.put_bounds(id, diamonds, heights.of_bounds(size, id, quads)?, self.element)?))
         };
         let made: Result<Vec<(PageId, Entry)>, WriteError> = ids.par_iter().map(put).collect();
         made?.into_iter().for_each(|(id, entry)| shelf.set(id, entry));
@@ -204,7 +242,7 @@ impl BoundsStore for Lattices<'_> {
         parts.into_par_iter().try_for_each(|(pj, rows, out)| {
             (0..shelf.paging.columns_rows().0).try_for_each(|pi| {
                 let id = PageId { pi, pj };
-                let page = shelf.bounds(id)?;
+                let page = shelf.bounds(id, self.element)?;
                 let quads = shelf.paging.size(id);
                 for (n, bounds) in page.diamonds().iter().enumerate() {
                     let quad = (n / QUAD_DIAMONDS) as u32;
@@ -218,10 +256,6 @@ impl BoundsStore for Lattices<'_> {
             })
         })?;
         Ok(out.into())
-    }
-
-    fn reader(&self) -> Reader<'_> {
-        Reader { lattices: self, slots: self.shelves.iter().map(|_| [const { None }; SLOTS]).collect() }
     }
 }
 
@@ -271,7 +305,7 @@ impl TightReader for Reader<'_> {
         match slot {
             Some((at, page)) if *at == id => Ok(page.at(quad, n).tight),
             _ => {
-                let page = shelf.bounds(id)?;
+                let page = shelf.bounds(id, self.lattices.element)?;
                 let tight = page.at(quad, n).tight;
                 *slot = Some((id, page));
                 Ok(tight)

@@ -9,8 +9,9 @@ use super::error::OpenError;
 
 /// The first bytes of every database. The high bit, the line ends and the control-Z show what a text-mode copy did.
 pub(super) const MAGIC: [u8; 8] = *b"\x8bSLDB\r\n\x1a";
-/// Version of the format that is written; the first one, without constant pages, is still read.
-pub(super) const VERSION: u32 = 2;
+/// Version of the format that is written. Those before are still read: the first one without constant pages, the second
+/// without heights beside bounds.
+pub(super) const VERSION: u32 = 3;
 
 const VERSION_AT: usize = MAGIC.len();
 const SECTIONS_AT: usize = VERSION_AT + 4;
@@ -75,8 +76,13 @@ pub(super) enum Element {
     I32,
     /// Three f32: tight, nested, radius. Read, but no longer written.
     Bounds,
-    /// The same in 24 bits each: an f32 that is not negative without its sign and its last seven bits.
+    /// The same in 24 bits each: an f32 that is not negative without its sign and its last seven bits. Read, but no longer
+    /// written.
     ShortBounds,
+    /// Short bounds, and the height of their post in 16 bits.
+    BoundsI16,
+    /// Short bounds, and the height of their post in 32 bits.
+    BoundsI32,
     /// A least and a greatest height, of 16 bits each.
     PairI16,
     /// The same of 32 bits each.
@@ -95,8 +101,20 @@ impl Element {
             4 => Self::ShortBounds,
             5 => Self::PairI16,
             6 => Self::PairI32,
+            7 => Self::BoundsI16,
+            8 => Self::BoundsI32,
             n => Self::Other(n),
         }
+    }
+
+    /// Whether its cells are quads of bounds.
+    pub(super) fn is_of_bounds(self) -> bool {
+        matches!(self, Self::Bounds | Self::ShortBounds | Self::BoundsI16 | Self::BoundsI32)
+    }
+
+    /// Whether heights stand beside bounds, which format versions before the third do not have.
+    pub(super) fn has_heights_beside(self) -> bool {
+        matches!(self, Self::BoundsI16 | Self::BoundsI32)
     }
 
     pub(super) fn number(self) -> u32 {
@@ -108,6 +126,8 @@ impl Element {
             Self::ShortBounds => 4,
             Self::PairI16 => 5,
             Self::PairI32 => 6,
+            Self::BoundsI16 => 7,
+            Self::BoundsI32 => 8,
             Self::Other(n) => n,
         }
     }

@@ -51,9 +51,14 @@ impl Paging {
             Element::I16 | Element::I32 | Element::PairI16 | Element::PairI32 => {
                 Some(Self::of_heights(section.columns, section.rows))
             }
-            Element::Bounds | Element::ShortBounds => Some(Self::of_lattice(section.columns, section.rows)),
-            Element::Byte | Element::Other(_) => None,
+            element if element.is_of_bounds() => Some(Self::of_lattice(section.columns, section.rows)),
+            _ => None,
         }
+    }
+
+    /// Cells from west to east and from south to north.
+    pub(super) fn cells(&self) -> (u32, u32) {
+        self.cells
     }
 
     /// Pages from west to east and from south to north.

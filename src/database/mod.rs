@@ -7,6 +7,7 @@
 
 mod budget;
 mod cache;
+mod coarse;
 mod curve;
 #[cfg(test)]
 mod damage_tests;

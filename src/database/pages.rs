@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::{
     directory::{HAS_VOIDS, IS_CONSTANT},
-    format::Element,
+    format::{Element, u32_at},
     layout::{QUAD_DIAMONDS, QUAD_SIDE},
 };
 use crate::{
@@ -20,6 +20,8 @@ fn cell_bytes(element: Element) -> Option<usize> {
         Element::PairI32 => Some(8),
         Element::Bounds => Some(12 * QUAD_DIAMONDS),
         Element::ShortBounds => Some(SHORT_BYTES * QUAD_DIAMONDS),
+        Element::BoundsI16 => Some((SHORT_BYTES + 2) * QUAD_DIAMONDS),
+        Element::BoundsI32 => Some((SHORT_BYTES + 4) * QUAD_DIAMONDS),
         Element::Byte | Element::Other(_) => None,
     }
 }
@@ -27,8 +29,7 @@ fn cell_bytes(element: Element) -> Option<usize> {
 /// Bytes of a page of `size` cells with `flags`; `None` for flags or elements that no page has.
 pub(super) fn page_bytes(element: Element, size: (u32, u32), flags: u32) -> Option<usize> {
     let cells = (size.0 * size.1) as usize;
-    let has_bounds = matches!(element, Element::Bounds | Element::ShortBounds);
-    let most = if has_bounds { IS_CONSTANT } else { HAS_VOIDS | IS_CONSTANT };
+    let most = if element.is_of_bounds() { IS_CONSTANT } else { HAS_VOIDS | IS_CONSTANT };
     if flags & !most != 0 || (flags & IS_CONSTANT != 0 && cells < 2) {
         return None;
     }
@@ -58,8 +59,8 @@ fn all_cells(bytes: &[u8], element: Element, cells: usize, flags: u32) -> (Cow<'
     (all.into(), rest)
 }
 
-/// Bytes of the bounds of a diamond as they are written.
-pub(super) const SHORT_BYTES: usize = 9;
+/// Bytes of the bounds of a diamond as they are written, without its height.
+const SHORT_BYTES: usize = 9;
 
 /// The index in a [`HeightPage`] of each post of a page of `size` posts, in the order of the file.
 fn posts((w, h): (u32, u32)) -> impl Iterator<Item = usize> {
@@ -229,17 +230,25 @@ pub(super) fn most_heights_weight(element: Element) -> usize {
 
 const VOIDS_BYTES: usize = PAGE_POSTS / 8;
 
-/// The bounds of the diamonds of a page.
+/// The bounds of the diamonds of a page, and the heights of their posts where these stand beside them.
 #[derive(Clone, Debug)]
 pub(super) struct BoundsPage {
     columns: u32,
     diamonds: Box<[DiamondBounds]>,
+    /// As many, or none.
+    heights: Box<[i32]>,
 }
 
 impl BoundsPage {
     /// A page of `columns` quads a row with three diamonds each.
-    pub(super) fn new(columns: u32, diamonds: Vec<DiamondBounds>) -> Self {
-        Self { columns, diamonds: diamonds.into() }
+    pub(super) fn new(columns: u32, diamonds: Vec<DiamondBounds>, heights: Vec<i32>) -> Self {
+        debug_assert!(heights.is_empty() || heights.len() == diamonds.len());
+        Self { columns, diamonds: diamonds.into(), heights: heights.into() }
+    }
+
+    /// Heights, three a quad, row by row of quads; none where they do not stand beside the bounds.
+    pub(super) fn heights(&self) -> &[i32] {
+        &self.heights
     }
 
     /// Three diamonds a quad, row by row of quads.
@@ -253,23 +262,39 @@ impl BoundsPage {
         self.diamonds[(v * self.columns + u) as usize * QUAD_DIAMONDS + n]
     }
 
+    /// The height of the same post, if it is there.
+    pub(super) fn height_at(&self, (u, v): (u32, u32), n: usize) -> Option<f64> {
+        self.heights.get((v * self.columns + u) as usize * QUAD_DIAMONDS + n).map(|&z| z.into())
+    }
+
     /// Bytes that it keeps in memory, about.
     pub(super) fn weight(&self) -> usize {
-        self.diamonds.len() * size_of::<DiamondBounds>() + 128
+        size_of_val(&*self.diamonds) + size_of_val(&*self.heights) + 128
     }
 }
 
-/// The bytes of a page of bounds and its flags, from three diamonds a quad; those that do not fit into 24 bits are rounded
-/// up. An error when they make no sense.
-pub(super) fn encode_bounds(diamonds: &[DiamondBounds]) -> Result<(Vec<u8>, u32), String> {
-    let mut out = vec![0; SHORT_BYTES * diamonds.len()];
-    for (slot, bounds) in out.as_chunks_mut::<SHORT_BYTES>().0.iter_mut().zip(diamonds) {
+/// The bytes of a page of bounds and its flags, from three diamonds a quad and the heights of their posts; bounds that do not
+/// fit into 24 bits are rounded up. An error when they make no sense.
+pub(super) fn encode_bounds(
+    diamonds: &[DiamondBounds],
+    heights: &[i32],
+    element: Element,
+) -> Result<(Vec<u8>, u32), String> {
+    let cell = cell_bytes(element).ok_or("no element of bounds")?;
+    let height_bytes = cell / QUAD_DIAMONDS - SHORT_BYTES;
+    let mut out = Vec::with_capacity(cell / QUAD_DIAMONDS * diamonds.len());
+    for (bounds, &height) in diamonds.iter().zip(heights) {
         check_bounds(bounds)?;
-        let [tight, nested, radius] = [bounds.tight, bounds.nested, bounds.radius_m]
-            .map(|v| v.to_bits().div_ceil(1 << SHORT_SHIFT).to_le_bytes());
-        *slot = [tight[0], tight[1], tight[2], nested[0], nested[1], nested[2], radius[0], radius[1], radius[2]];
+        for value in [bounds.tight, bounds.nested, bounds.radius_m] {
+            out.extend_from_slice(&value.to_bits().div_ceil(1 << SHORT_SHIFT).to_le_bytes()[..3]);
+        }
+        if element == Element::BoundsI16 && i16::try_from(height).is_err() {
+            return Err(format!("a height of {height} in 16 bits"));
+        }
+        // The low bytes of a number that fits are that number in fewer bytes.
+        out.extend_from_slice(&height.to_le_bytes()[..height_bytes]);
     }
-    Ok(shorten(out, SHORT_BYTES * QUAD_DIAMONDS))
+    Ok(shorten(out, cell))
 }
 
 /// Bits that a short bound lacks at the low end.
@@ -290,22 +315,27 @@ pub(super) fn decode_bounds(
     flags: u32,
 ) -> Result<BoundsPage, String> {
     let (bytes, _) = all_cells(bytes, element, (size.0 * size.1) as usize, flags);
-    let values: Vec<f32> = match element {
-        Element::ShortBounds => {
-            let (values, _) = bytes.as_chunks::<3>();
-            values.iter().map(|&[a, b, c]| f32::from_bits(u32::from_le_bytes([a, b, c, 0]) << SHORT_SHIFT)).collect()
+    let (diamonds, heights) = match element {
+        Element::BoundsI16 => records::<{ SHORT_BYTES + 2 }>(&bytes, |[.., a, b]| i16::from_le_bytes([a, b]).into()),
+        Element::BoundsI32 => {
+            records::<{ SHORT_BYTES + 4 }>(&bytes, |[.., a, b, c, d]| i32::from_le_bytes([a, b, c, d]))
         }
+        Element::ShortBounds => (records::<SHORT_BYTES>(&bytes, |_| 0).0, Vec::new()),
         _ => {
-            let (values, _) = bytes.as_chunks::<4>();
-            values.iter().map(|&value| f32::from_le_bytes(value)).collect()
+            let full = |b: &[u8; 12], at: usize| f32::from_bits(u32_at(b, at));
+            let of = |b| DiamondBounds { tight: full(b, 0), nested: full(b, 4), radius_m: full(b, 8) };
+            (bytes.as_chunks::<12>().0.iter().map(of).collect(), Vec::new())
         }
     };
-    let (triples, _) = values.as_chunks::<3>();
-    let mut diamonds = Vec::with_capacity(triples.len());
-    for &[tight, nested, radius_m] in triples {
-        let bounds = DiamondBounds { tight, nested, radius_m };
-        check_bounds(&bounds)?;
-        diamonds.push(bounds);
-    }
-    Ok(BoundsPage::new(size.0, diamonds))
+    diamonds.iter().try_for_each(check_bounds)?;
+    Ok(BoundsPage::new(size.0, diamonds, heights))
+}
+
+/// Short bounds and the heights behind them, from records of `N` bytes.
+fn records<const N: usize>(bytes: &[u8], height: impl Fn([u8; N]) -> i32) -> (Vec<DiamondBounds>, Vec<i32>) {
+    let (records, _) = bytes.as_chunks::<N>();
+    let short =
+        |b: &[u8; N], at: usize| f32::from_bits(u32::from_le_bytes([b[at], b[at + 1], b[at + 2], 0]) << SHORT_SHIFT);
+    let bounds = |b| DiamondBounds { tight: short(b, 0), nested: short(b, 3), radius_m: short(b, 6) };
+    (records.iter().map(bounds).collect(), records.iter().map(|&record| height(record)).collect())
 }

@@ -161,7 +161,7 @@ impl Database {
         let manifest = read_manifest(&*source, &sections)?;
         let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
             .map_err(|e| OpenError::damaged("manifest", e.to_string()))?;
-        let Numbers { heights, lattices, extremes } = check_sections(&sections, grid)?;
+        let Numbers { heights, lattices, extremes } = check_sections(&sections, grid, header.version)?;
         let (columns, rows) = grid.pages();
         let pages_of_heights = columns as usize * rows as usize;
         let bytes = pages_of_heights.saturating_mul(pages::most_heights_weight(sections[heights].element));
@@ -251,6 +251,11 @@ impl Database {
     /// The stored bounds of the diamond at `p`: zero beyond its lattice; `None` for posts with an odd coordinate,
     /// whose bounds follow from a few heights.
     pub fn stored_bounds(&self, p: Post) -> Result<Option<DiamondBounds>, ReadError> {
+        Ok(self.stored(p)?.map(|(bounds, _)| bounds))
+    }
+
+    /// The same, with the drawn height of the post where that stands beside its bounds.
+    fn stored(&self, p: Post) -> Result<Option<(DiamondBounds, Option<f64>)>, ReadError> {
         if (p.i | p.j) % 2 == 1 {
             return Ok(None);
         }
@@ -259,10 +264,11 @@ impl Database {
             let s = &self.sections[number];
             (place.at.0 < s.columns && place.at.1 < s.rows).then_some((number, place))
         }) else {
-            return Ok(Some(DiamondBounds::default()));
+            return Ok(Some((DiamondBounds::default(), None)));
         };
         let (id, quad, n) = place.in_page();
-        Ok(Some(self.bounds_page(number, id)?.at(quad, n)))
+        let page = self.bounds_page(number, id)?;
+        Ok(Some((page.at(quad, n), page.height_at(quad, n))))
     }
 
     /// Where page `id` of the heights is kept for good.
@@ -401,6 +407,13 @@ impl ErrorBounds for Database {
             Ok(z)
         })
     }
+
+    fn bounds_and_height(&self, p: Post) -> Result<(DiamondBounds, Option<f64>), ReadError> {
+        match self.stored(p)? {
+            Some(found) => Ok(found),
+            None => Ok((self.bounds(p)?, None)),
+        }
+    }
 }
 
 impl std::fmt::Debug for Database {
@@ -461,8 +474,8 @@ struct Numbers {
     extremes: Vec<usize>,
 }
 
-/// Checks the sections against the grid.
-fn check_sections(sections: &[Section], grid: Grid) -> Result<Numbers, OpenError> {
+/// Checks the sections of a file of this format version against the grid.
+fn check_sections(sections: &[Section], grid: Grid, format: u32) -> Result<Numbers, OpenError> {
     let damaged = |detail: String| OpenError::damaged("table of sections", detail);
     let mut heights = Vec::new();
     let mut lattices = Vec::new();
@@ -474,10 +487,11 @@ fn check_sections(sections: &[Section], grid: Grid) -> Result<Numbers, OpenError
                 heights.push(number);
                 section.level == 0 && (section.columns, section.rows) == (grid.nx(), grid.ny())
             }
-            (Kind::Bounds, Element::Bounds | Element::ShortBounds) => {
+            (Kind::Bounds, element) if element.is_of_bounds() => {
                 lattices.push(number);
                 let most = side.checked_shr(section.level).map_or(0, |n| n + 1);
-                section.level as usize == lattices.len() && section.columns <= most && section.rows <= most
+                let fits = section.columns <= most && section.rows <= most;
+                section.level as usize == lattices.len() && fits && (format >= 3 || !element.has_heights_beside())
             }
             (Kind::Extremes, Element::PairI16 | Element::PairI32) => {
                 extremes.push(number);

@@ -165,23 +165,32 @@ impl<'a> Shelf<'a> {
         Ok(page)
     }
 
-    /// Puts a page of bounds, three for each quad of the page, into the file, and keeps it at hand.
-    pub(super) fn put_bounds(&self, id: PageId, diamonds: Vec<DiamondBounds>) -> Result<Entry, WriteError> {
-        let entry = self.scratch.put(pages::encode_bounds(&diamonds).map_err(WriteError::Description)?)?;
-        let page = BoundsPage::new(self.paging.size(id).0, diamonds);
+    /// Puts a page of bounds, three for each quad of the page, and the heights of their posts into the file, and keeps it at
+    /// hand.
+    pub(super) fn put_bounds(
+        &self,
+        id: PageId,
+        diamonds: Vec<DiamondBounds>,
+        heights: Vec<i32>,
+        element: Element,
+    ) -> Result<Entry, WriteError> {
+        let encoded = pages::encode_bounds(&diamonds, &heights, element).map_err(WriteError::Description)?;
+        let entry = self.scratch.put(encoded)?;
+        // Whoever reads it back asks for bounds only.
+        let page = BoundsPage::new(self.paging.size(id).0, diamonds, Vec::new());
         let weight = page.weight();
         self.scratch.cache.insert(self.key(id), Held::Bounds(Arc::new(page)), weight);
         Ok(entry)
     }
 
-    /// The page of bounds `id`.
-    pub(super) fn bounds(&self, id: PageId) -> Result<Arc<BoundsPage>, ReadError> {
+    /// The page of bounds `id`, which was put as `element`.
+    pub(super) fn bounds(&self, id: PageId, element: Element) -> Result<Arc<BoundsPage>, ReadError> {
         let key = self.key(id);
         if let Some(Held::Bounds(page)) = self.scratch.cache.get(key) {
             return Ok(page);
         }
         let (bytes, flags, size) = (self.bytes(id)?, self.entry(id).flags, self.paging.size(id));
-        let page = pages::decode_bounds(&bytes, Element::ShortBounds, size, flags).map_err(|e| self.unreadable(e))?;
+        let page = pages::decode_bounds(&bytes, element, size, flags).map_err(|e| self.unreadable(e))?;
         let page = Arc::new(page);
         self.scratch.cache.insert(key, Held::Bounds(Arc::clone(&page)), page.weight());
         Ok(page)

@@ -183,6 +183,39 @@ fn a_plain_takes_little_room() {
     assert!(verify(&path, &|_, _| ()).unwrap().damage.is_empty());
 }
 
+/// What is read beside the bounds of a post is its height, padding included; files of earlier versions have none.
+#[test]
+fn heights_beside_bounds_are_those_of_the_posts_and_spare_pages_of_heights() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = [(3, 2, 1, false), (200, 131, 1, true), (70, 1100, 1, false), (257, 90, -70_000, true)];
+    for (n, (nx, ny, factor, voids)) in cases.into_iter().enumerate() {
+        let (field, path) = (terrain(nx, ny, 20 + n as u64, factor, voids), folder.path().join(format!("{n}.sldb")));
+        write_to(&path, &field);
+        let database = Database::open(&path, OpenOptions::default()).unwrap();
+        let (mut posts, root, mut found) = (Posts::new(&field), field.grid().root(), 0);
+        for (i, j) in (0..=root.side()).step_by(2).flat_map(|j| (0..=root.side()).step_by(2).map(move |i| (i, j))) {
+            let p = Post::new(i, j);
+            if root.is_corner(p) {
+                continue;
+            }
+            let (bounds, z) = database.bounds_and_height(p).unwrap();
+            assert_eq!(bounds, database.bounds(p).unwrap());
+            assert!(z.is_some() || !field.grid().contains(p), "{p:?} of {nx} x {ny}");
+            assert!(z.is_none_or(|z| z == posts.at(p).unwrap().z), "{p:?} of {nx} x {ny}");
+            found += u64::from(z.is_some());
+        }
+        let bounds: u64 = database.sections().iter().filter(|s| s.name.starts_with("bounds")).map(|s| s.pages).sum();
+        assert!(found >= field.grid().posts() / 4 - 1 && database.reads().pages <= bounds);
+        // Of other posts bounds follow from heights, and nothing stands beside them.
+        let odd = Post::new(1, 0);
+        assert_eq!(database.bounds_and_height(odd).unwrap(), (database.bounds(odd).unwrap(), None));
+    }
+    let old = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/terrain-20x13-v2.sldb");
+    let old = Database::open(&old, OpenOptions::default()).unwrap();
+    let p = Post::new(4, 8);
+    assert_eq!(old.bounds_and_height(p).unwrap(), (old.bounds(p).unwrap(), None));
+}
+
 /// Databases that a format version began with are read as they were meant. With SIGHTLINE_WRITE_GOLDEN set, the newest is
 /// written anew instead: for a new format version, beside the old files.
 #[test]
@@ -198,7 +231,7 @@ fn the_golden_databases_are_read_as_they_were_written() {
         write(&golden(super::format::VERSION), true, &field, &described, &mut |_| ()).unwrap();
     }
     let (expected, recomputed) = everything(&MemoryTerrain::new(field, SCALE).unwrap()).unwrap();
-    for (version, terrain_version) in [(1, [70, 160, 8, 24]), (2, GOLDEN_2)] {
+    for (version, terrain_version) in [(1, [70, 160, 8, 24]), (2, GOLDEN_2), (3, GOLDEN_3)] {
         let golden = golden(version);
         assert!(verify(&golden, &|_, _| ()).unwrap().damage.is_empty());
         let database = Database::open(&golden, OpenOptions::default()).unwrap();
@@ -214,3 +247,5 @@ fn the_golden_databases_are_read_as_they_were_written() {
 
 /// The first bytes of the terrain version of the golden database of format version 2.
 const GOLDEN_2: [u8; 4] = [212, 213, 222, 165];
+/// Those of format version 3.
+const GOLDEN_3: [u8; 4] = [138, 46, 134, 146];

@@ -3,14 +3,15 @@
 use std::path::Path;
 
 use rayon::prelude::*;
+use sightline_proto::diamond::Post;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::{
     Database, OpenError, OpenOptions,
     directory::{self, BLOCK_ENTRIES},
     format::{Kind, Section},
-    layout::Paging,
-    pages,
+    layout::{Paging, QUAD_DIAMONDS, QUAD_SIDE, quad_post},
+    pages::{self, BoundsPage},
     source::{FileSource, PageSource},
     writer::{hash_section, is_hashed},
 };
@@ -156,7 +157,8 @@ fn check_page(database: &Database, section: usize, paging: &Paging, n: u64) -> R
     };
     let s = &database.sections[section];
     if s.kind == Kind::Bounds {
-        pages::decode_bounds(&bytes, s.element, size, entry.flags).map_err(damaged)?;
+        let page = pages::decode_bounds(&bytes, s.element, size, entry.flags).map_err(damaged)?;
+        check_beside(database, s, id, &page, size.0).map_err(damaged)?;
         return Ok(seen);
     }
     if s.kind == Kind::Extremes {
@@ -203,6 +205,37 @@ fn check_extremes(database: &Database, level: u32, id: PageId, values: &[Extreme
                 return Err("its values are not those of the heights".into());
             }
         }
+    }
+    Ok(())
+}
+
+/// Holds the heights beside the bounds of a page against those of the posts. What cannot be read there is damage of its own,
+/// found there.
+fn check_beside(
+    database: &Database,
+    section: &Section,
+    id: PageId,
+    page: &BoundsPage,
+    quads_a_row: u32,
+) -> Result<(), String> {
+    let mut held: Option<(PageId, Option<_>)> = None;
+    for (n, &z) in page.heights().iter().enumerate() {
+        let quad = (n / QUAD_DIAMONDS) as u32;
+        let (u, v) = (id.pi * QUAD_SIDE + quad % quads_a_row, id.pj * QUAD_SIDE + quad / quads_a_row);
+        let (a, b) = quad_post(u, v, n % QUAD_DIAMONDS);
+        if a >= section.columns || b >= section.rows {
+            continue;
+        }
+        let p = database.grid().clamp(Post::new(a << section.level, b << section.level));
+        let from = PageId::of(p);
+        let heights = match held.take() {
+            Some((at, heights)) if at == from => heights,
+            _ => database.page(from).ok(),
+        };
+        if heights.as_ref().is_some_and(|page| page.at(p.i % PAGE_SIDE, p.j % PAGE_SIDE).z != f64::from(z)) {
+            return Err("its heights are not those of the posts".into());
+        }
+        held = Some((from, heights));
     }
     Ok(())
 }

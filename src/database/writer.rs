@@ -308,7 +308,8 @@ pub(super) fn plan(
     let heights = Section { kind: Kind::Heights, element, columns, rows, length: height_bytes, ..manifest };
     let mut sections = vec![manifest, heights];
     for &(LatticeSize { k, columns, rows }, length) in lattices {
-        let (kind, element, level) = (Kind::Bounds, Element::ShortBounds, k.into());
+        let element = if element == Element::I16 { Element::BoundsI16 } else { Element::BoundsI32 };
+        let (kind, level) = (Kind::Bounds, k.into());
         sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
     }
     for (level, &length) in (1..).zip(extremes) {

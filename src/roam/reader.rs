@@ -42,13 +42,14 @@ impl<T: Terrain> Reader<T> {
 
     /// The drawn height of a post of the root square and the bounds of its diamond.
     pub(super) fn read(&mut self, p: Post) -> Result<(f64, DiamondBounds), ReadError> {
-        let z = self.height(self.grid.clamp(p))?;
-        let bounds = if (p.i | p.j).is_multiple_of(2) {
-            self.terrain.bounds(p)?
-        } else {
+        if (p.i | p.j) % 2 == 1 {
             // Three quarters of all posts: their bounds follow from a few heights, which are at hand.
-            finest_bounds_with(self.grid, self.scale, p, |q| self.height(q))?
-        };
+            let z = self.height(self.grid.clamp(p))?;
+            return Ok((z, finest_bounds_with(self.grid, self.scale, p, |q| self.height(q))?));
+        }
+        // In its page of heights a post is far from all others that the mesh has there, the coarser the farther.
+        let (bounds, z) = self.terrain.bounds_and_height(p)?;
+        let z = z.map_or_else(|| self.height(self.grid.clamp(p)), Ok)?;
         Ok((z, bounds))
     }
 

@@ -9,6 +9,7 @@ use sightline_proto::{
 
 use super::*;
 use crate::{
+    database::{self, Database, OpenOptions, Provenance},
     exercise::{Altitude, Anchor, Change, Entity, Frame, Place, SightLine, Site},
     roam::MAX_REGIONS,
     terrain::{MemoryField, synthetic},
@@ -77,11 +78,11 @@ fn moved(exercise: &Exercise, terrain: &MemoryTerrain, id: u64, x: f64) -> Exerc
     exercise.changed(&Change { put_entities: vec![entity], ..Change::default() }, &SITE, terrain).unwrap()
 }
 
-fn opened(
-    terrain: &Arc<MemoryTerrain>,
+fn opened<T: Terrain>(
+    terrain: &Arc<T>,
     settings: &v1::ViewSettings,
     exercise: Option<Arc<Exercise>>,
-) -> (View<MemoryTerrain>, SceneState) {
+) -> (View<T>, SceneState) {
     let description = describe(&**terrain, &SITE, &Details::default()).unwrap();
     let client = v1::ViewOpened { terrain: Some(description.clone()) };
     let client = SceneState::new(&client, MAX_TRIANGLES, exercise.is_some()).unwrap();
@@ -445,4 +446,32 @@ fn frames_name_entities_off_their_ground_and_say_what_lines_lack() {
         named.push(client.off_ground().len());
     }
     assert!(named[0] > 10 && named[2] == 0 && named[3] > 0 && lacking > 0, "{named:?}, {lacking}");
+}
+
+/// Frames follow from the terrain and what the view was told, not from where heights are read: from memory, from a file whose
+/// heights stay once they were read, from one of which nothing stays.
+#[test]
+fn frames_are_the_same_from_memory_and_from_any_file() {
+    fn all<T: Terrain>(terrain: T, exercise: &Arc<Exercise>) -> Vec<Response> {
+        let (mut view, _) = opened(&Arc::new(terrain), &wire_settings(700, None), Some(Arc::clone(exercise)));
+        let mut said = view.produce().unwrap();
+        for n in 1..6 {
+            view.handle(steer(Some(wire_pose(1500.0 * n as f64, 900.0 * n as f64, 0.2 * n as f64)), n, n)).unwrap();
+            said.extend(view.produce().unwrap());
+        }
+        said
+    }
+    let field = synthetic::fractal(300, 260, 5, 900).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("it.sldb");
+    let description = database::Description { scale: SCALE, georeference: None, provenance: Provenance::default() };
+    database::write(&path, false, &field, &description, &mut |_| ()).unwrap();
+    let terrain = MemoryTerrain::new(field, SCALE).unwrap();
+    let exercise = Arc::new(exercise(&terrain, 8));
+    let expected = all(terrain, &exercise);
+    assert_eq!(frames(&expected).len(), 6);
+    for cache_bytes in [0, 16 << 20] {
+        let database = Database::open(&path, OpenOptions { cache_bytes }).unwrap();
+        assert_eq!(all(database, &exercise), expected, "{cache_bytes} bytes");
+    }
 }

@@ -48,6 +48,12 @@ pub struct DiamondBounds {
 pub trait ErrorBounds: Send + Sync {
     /// The bounds of the diamond at `p`, which must be a post of the root square but not a corner.
     fn bounds(&self, p: Post) -> Result<DiamondBounds, ReadError>;
+
+    /// The same, and the drawn height of `p` where it is had with them. `None` tells nothing: then the height is where all
+    /// heights are.
+    fn bounds_and_height(&self, p: Post) -> Result<(DiamondBounds, Option<f64>), ReadError> {
+        Ok((self.bounds(p)?, None))
+    }
 }
 
 /// Each ball is widened by this factor over what f64 arithmetic gives for it. Rounding in distances is below 2^-48 of

@@ -9,7 +9,7 @@ use sightline_proto::{
 
 use crate::{
     roam::Terrain,
-    terrain::{Grid, Posts, ReadError},
+    terrain::{Grid, PageId, Posts, ReadError},
     wedgie::DiamondBounds,
 };
 
@@ -32,16 +32,28 @@ impl<'a, T: Terrain> Ground<'a, T> {
         self.grid
     }
 
+    /// The drawn height of a post of the root square: from its page of heights where that is in memory or holds others near
+    /// it, else from beside its bounds.
+    fn drawn(&self, p: Post) -> Result<f64, ReadError> {
+        let is_coarse = (p.i | p.j).is_multiple_of(2) && !self.grid.root().is_corner(p);
+        if is_coarse
+            && self.terrain.resident(PageId::of(self.grid.clamp(p))).is_none()
+            && let (_, Some(z)) = self.terrain.bounds_and_height(p)?
+        {
+            return Ok(z);
+        }
+        Ok(self.posts.borrow_mut().at(p)?.z)
+    }
+
     pub(super) fn bounds(&self, p: Post) -> Result<DiamondBounds, ReadError> {
         self.terrain.bounds(p)
     }
 
     /// The corners of `t` in the grid frame, counter-clockwise.
     pub(super) fn in_space(&self, t: &Triangle) -> Result<[[f64; 3]; 3], ReadError> {
-        let mut posts = self.posts.borrow_mut();
         let mut corners = [[0.0; 3]; 3];
         for (slot, p) in corners.iter_mut().zip(t.corners()) {
-            *slot = [f64::from(p.i), f64::from(p.j), posts.at(p)?.z];
+            *slot = [f64::from(p.i), f64::from(p.j), self.drawn(p)?];
         }
         Ok(corners)
     }
@@ -66,8 +78,8 @@ impl<T: Terrain> Mesh for Ground<'_, T> {
     }
 
     fn height(&self, p: Post) -> Option<f64> {
-        match self.posts.borrow_mut().at(p) {
-            Ok(post) => Some(post.z),
+        match self.drawn(p) {
+            Ok(z) => Some(z),
             Err(error) => {
                 self.failure.borrow_mut().get_or_insert(error);
                 Some(0.0)

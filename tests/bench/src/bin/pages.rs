@@ -3,8 +3,8 @@
 //!
 //! `cargo run --release --manifest-path tests/bench/Cargo.toml --bin pages -- DATABASE [TRIANGLES] [VIEWS]`. Each view and
 //! each line has a database of its own that was just opened, with a cache of 64 MiB. What a view needs: the bounds of every
-//! diamond that it asked for (9 bytes each where they are stored), and the heights that these and the finest ones follow
-//! from (2 bytes). What a line needs: the four heights around each cell edge that it crosses in plan.
+//! diamond that it asked for (9 bytes each where they are stored), the heights of these posts, and those that the finest
+//! ones' bounds follow from (2 bytes). What a line needs: the four heights around each cell edge that it crosses in plan.
 
 use std::{
     collections::HashSet,
@@ -95,6 +95,11 @@ impl ErrorBounds for Watched {
         self.asked.lock().unwrap_or_else(PoisonError::into_inner).insert(p);
         self.database.bounds(p)
     }
+
+    fn bounds_and_height(&self, p: Post) -> std::result::Result<(DiamondBounds, Option<f64>), ReadError> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner).insert(p);
+        self.database.bounds_and_height(p)
+    }
 }
 
 /// A number from 0 to 1 that depends on `n` only.
@@ -114,7 +119,13 @@ fn view(path: &Path, triangles: u32, n: u32) -> Result<f64> {
     let ms = started.elapsed().as_secs_f64() * 1e3;
     let Reads { pages, directory_blocks, bytes } = watched.database.reads();
     let grid = HeightField::grid(&*watched);
-    let asked = watched.asked.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut asked = watched.asked.lock().unwrap_or_else(PoisonError::into_inner);
+    let root = grid.root();
+    // The finest ones follow from heights, so nobody asks for theirs: those in the mesh, and those that could be split next.
+    let active: HashSet<Post> = mesh.active_posts().into_iter().map(|(p, _)| p).collect();
+    let is_in = |p: Post| root.is_corner(p) || active.contains(&p);
+    let next = active.iter().flat_map(|&p| root.children(p)).filter(|&c| root.parents(c).all(is_in));
+    asked.extend(next.chain(active.iter().copied()).filter(|p| (p.i | p.j) % 2 == 1));
     let mut heights = HashSet::new();
     let mut rows = HashSet::new();
     for &p in asked.iter() {
