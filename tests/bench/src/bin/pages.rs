@@ -31,6 +31,8 @@ const CACHE: OpenOptions = OpenOptions { cache_bytes: 64 << 20 };
 const PAGE_POSTS: u64 = 4096;
 const PAGE_QUADS: u64 = 256;
 const LINES: u64 = 32;
+/// Places that are tried for one that is not level.
+const ATTEMPTS: u64 = 1000;
 
 fn main() -> Result<()> {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
@@ -162,12 +164,24 @@ fn row_page(grid: Grid, p: Post) -> u64 {
     (u64::from(p.j) * u64::from(grid.nx()) + u64::from(p.i)) / PAGE_POSTS
 }
 
-/// Some hundred metres above the ground, looking a little down.
+/// Some hundred metres above the ground, looking a little down; where the ground is not level, if such a place is found.
 fn camera(database: &Database, scale: SceneScale, n: u64) -> Result<Camera> {
     let grid = HeightField::grid(database);
     let at = [grid.nx(), grid.ny()].map(f64::from);
-    let (x, y) = ((0.1 + 0.8 * unit(3 * n)) * at[0], (0.1 + 0.8 * unit(3 * n + 1)) * at[1]);
-    let z = Posts::new(database).at(Post::new(x as u32, y as u32))?.z;
+    let mut posts = Posts::new(database);
+    let mut place = ([0.0; 2], 0.0);
+    for attempt in 0..ATTEMPTS {
+        let (x, y) = (
+            (0.1 + 0.8 * unit(3 * n + (attempt << 32))) * at[0],
+            (0.1 + 0.8 * unit(3 * n + 1 + (attempt << 32))) * at[1],
+        );
+        let mut z = |i: f64, j: f64| Ok::<_, ReadError>(posts.at(grid.clamp(Post::new(i as u32, j as u32)))?.z);
+        place = ([x, y], z(x, y)?);
+        if z(x + 50.0, y)? != place.1 || z(x, y + 50.0)? != place.1 {
+            break;
+        }
+    }
+    let ([x, y], z) = place;
     let eye = scale.scene_from_grid(DVec3::new(x, y, z)) + DVec3::Z * 600.0;
     let heading = std::f64::consts::TAU * unit(3 * n + 2);
     let rotation = DQuat::from_rotation_z(heading) * DQuat::from_rotation_x(80_f64.to_radians());
