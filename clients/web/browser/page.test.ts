@@ -196,6 +196,7 @@ test("a plain mesh of the same budget tells lines wrongly, and the page shows wh
 
 test("errors and a viewshed are shown, and a fidelity is asked", async () => {
   await page.check("#show-errors");
+  expect(await page.getAttribute("#panes", "data-voids")).toBe("false");
   await page.check("#viewshed");
   await until("the viewshed is there", async () => (await page.getAttribute("#panes", "data-viewshed")) === "true", PATIENCE_MS);
   await sleep(700);

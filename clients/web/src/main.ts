@@ -7,6 +7,7 @@ import { byId, count, make, metres } from "./page/dom";
 import { findStart } from "./page/start";
 import { CALL_MS, Code, ConnectError, type Server, connect, leave, said } from "./server/connection";
 import type { Link } from "./server/watch";
+import type { TerrainDescription } from "./generated/sightline/v1/terrain_pb";
 
 const RETRY_MS = 1_500;
 /** How long the page says that the server is back, in milliseconds. */
@@ -83,12 +84,18 @@ async function chooseExercise(of: Server): Promise<{ name: string; isShared: boo
   return { name: owner, isShared: false, owner };
 }
 
+/** What share of the posts nobody knows. */
+function noData({ nx, ny, voidPosts }: TerrainDescription): string {
+  const percent = (Number(voidPosts) / (nx * ny)) * 100;
+  return percent === 0 ? "" : ` · ${percent < 0.1 ? "< 0.1" : percent.toFixed(1)} % no data`;
+}
+
 async function main(): Promise<void> {
   const { terrain } = await insist(() => server.terrain.describeTerrain({}, { timeoutMs: CALL_MS }));
   if (!terrain) throw new Error("the server describes no terrain");
   const space = new Space(terrain);
   const [low, high] = [terrain.minHeight, terrain.maxHeight].map((z) => count(z * space.scale.z));
-  byId("terrain").textContent = `${count(terrain.nx)} × ${count(terrain.ny)} posts · ${metres(space.east)} × ${metres(space.north)} · ${low} to ${high} m`;
+  byId("terrain").textContent = `${count(terrain.nx)} × ${count(terrain.ny)} posts · ${metres(space.east)} × ${metres(space.north)} · ${low} to ${high} m${noData(terrain)}`;
   const start = await insist(() => findStart(server, space));
   const exercise = await insist(() => chooseExercise(server));
   const hint = (text: string) => (byId("hint").textContent = text);

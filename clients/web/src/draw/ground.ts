@@ -17,6 +17,8 @@ export const ERROR_COLOURS = ["#2a3a45", "#38626e", "#68998c", "#cdbf8d", "#cf8f
 /** Errors in metres at which those colours stand; between them they blend in logarithms. */
 export const ERROR_STEPS_M = [0.3, 1, 3, 10, 30, 100];
 export const HAZE = "#22303a";
+/** Where there is no data. */
+export const VOID_COLOUR = "#8fb6d9";
 
 const VERTEX = /* glsl */ `
   in float error;
@@ -55,6 +57,10 @@ const FRAGMENT = /* glsl */ `
   uniform sampler2D viewshed;
   uniform vec4 viewshedAt;
   uniform bool showsViewshed;
+  uniform sampler2D voids;
+  uniform vec2 voidsScale;
+  uniform bool showsVoids;
+  uniform vec3 voidColour;
   uniform vec3 ring;
 
   vec3 along(vec3 colours[6], float place) {
@@ -70,6 +76,7 @@ const FRAGMENT = /* glsl */ `
     vec3 base = along(ramp, (vAt.z - heights.x) / max(heights.y - heights.x, 1.0));
     base = mix(base, vec3(0.42, 0.37, 0.32), clamp(1.6 * (0.86 - normal.z), 0.0, 0.55));
     if (showsError) base = along(errors, log(max(vError, 1e-3) / 0.3) / log(100.0 / 0.3));
+    if (showsVoids && texture(voids, 0.5 + vAt.xy * voidsScale).r > 0.5) base = voidColour;
     // The sun of maps: from the north-west, and lower than it stands at noon.
     float sun = dot(normal, normalize(vec3(-0.66, 0.5, 0.56)));
     float light = 0.16 + 1.18 * pow(max(sun, 0.0), 1.25) + 0.18 * normal.z;
@@ -107,6 +114,13 @@ export interface Overlay {
   readonly height: number;
 }
 
+/** Whether there is data, at posts spread evenly from the first to the last: 255 where there is none. */
+export interface VoidMask {
+  readonly cells: Uint8Array<ArrayBuffer>;
+  readonly width: number;
+  readonly height: number;
+}
+
 export class Ground {
   readonly drawn: Drawn<BufferGeometry, ShaderMaterial>;
   private positions = new BufferAttribute(new Float32Array(0), 3);
@@ -133,6 +147,10 @@ export class Ground {
         viewshed: { value: null },
         viewshedAt: { value: new Vector4() },
         showsViewshed: { value: false },
+        voids: { value: null },
+        voidsScale: { value: new Vector2() },
+        showsVoids: { value: false },
+        voidColour: { value: linear([VOID_COLOUR])[0] },
         ring: { value: new Vector3() },
       },
     });
@@ -156,6 +174,21 @@ export class Ground {
   /** Distance in metres at which the air takes over. */
   set hazeAt(metres: number) {
     this.uniform("hazeAt").value = metres;
+  }
+
+  set voids(mask: VoidMask | undefined) {
+    (this.uniform("voids").value as DataTexture | null)?.dispose();
+    this.uniform("voids").value = null;
+    this.uniform("showsVoids").value = mask !== undefined;
+    if (!mask) return;
+    const texture = new DataTexture(mask.cells, mask.width, mask.height, RedFormat, UnsignedByteType);
+    texture.minFilter = texture.magFilter = NearestFilter;
+    texture.unpackAlignment = 1;
+    texture.needsUpdate = true;
+    this.uniform("voids").value = texture;
+    // The middles of the outer texels are the outer posts, and the local frame's origin is the middle of all.
+    const { east, north } = this.space;
+    this.uniform("voidsScale").value = new Vector2((mask.width - 1) / (mask.width * east), (mask.height - 1) / (mask.height * north));
   }
 
   set overlay(overlay: Overlay | undefined) {
@@ -210,6 +243,7 @@ export class Ground {
 
   dispose(): void {
     this.overlay = undefined;
+    this.voids = undefined;
     this.drawn.geometry.dispose();
     this.drawn.material.dispose();
   }

@@ -2,7 +2,7 @@
 
 import { Orbit } from "../draw/orbit";
 import { type Space, lengthM } from "../draw/space";
-import type { Overlay } from "../draw/ground";
+import type { Overlay, VoidMask } from "../draw/ground";
 import { AltitudeReference, CoordinateFrame } from "../generated/sightline/v1/common_pb";
 import type { Fidelity, SightLineState } from "../generated/sightline/v1/exercise_pb";
 import type { QueryLineOfSightResponse, QueryProfileResponse } from "../generated/sightline/v1/line_of_sight_pb";
@@ -20,6 +20,7 @@ import { type Host, Pane, type Region } from "./pane";
 import { plot } from "./profile";
 import { type Start, scatter } from "./start";
 import { Table } from "./table";
+import { findVoids } from "./voids";
 
 const LETTERS = ["A", "B", "C", "D"];
 const PANE_COLOURS = ["#7cc0f5", "#c9a7ff", "#ffd166", "#8fe388"];
@@ -49,6 +50,7 @@ export class App implements Host {
   private interest: { weight: number; radius: number } | undefined;
   private isMorphing = false;
   private overlay: Overlay | undefined;
+  private voids: VoidMask | undefined;
   private overlayRadius: number | undefined;
   private overlayCall = new AbortController();
   private overlayTimer = 0;
@@ -86,6 +88,7 @@ export class App implements Host {
     this.addPane();
     this.addPane();
     setInterval(() => this.tick(), 1_000);
+    findVoids(this.server, this.space).then((voids) => this.showVoids(voids), (error: unknown) => this.failed(error));
   }
 
   /** A server that comes back with another terrain is another server: the page begins anew. */
@@ -108,6 +111,7 @@ export class App implements Host {
     pane.wireframe = this.isWired;
     pane.morphing = this.isMorphing;
     pane.overlay = this.overlay;
+    pane.voids = this.voids;
     pane.begin();
     if (this.showsErrors) pane.recolour();
     pane.view.wish.leaseOwner = this.exercise.owner;
@@ -394,6 +398,12 @@ export class App implements Host {
         if (!signal.aborted) this.failed(error);
       });
     }, OVERLAY_DELAY_MS);
+  }
+
+  private showVoids(voids: VoidMask | undefined): void {
+    this.voids = voids;
+    for (const pane of this.panes) pane.voids = voids;
+    byId("panes").dataset["voids"] = String(voids !== undefined);
   }
 
   private showOverlay(overlay: Overlay | undefined): void {

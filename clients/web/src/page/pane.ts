@@ -2,7 +2,7 @@
 
 import { create } from "@bufbuild/protobuf";
 import { Orbit } from "../draw/orbit";
-import { ERROR_COLOURS, ERROR_STEPS_M, type Overlay } from "../draw/ground";
+import { ERROR_COLOURS, ERROR_STEPS_M, type Overlay, VOID_COLOUR, type VoidMask } from "../draw/ground";
 import { Morph, type Segment } from "../draw/morph";
 import { NEAR_M, Picture, TAN_HALF_FOV } from "../draw/picture";
 import { type Space, lengthM } from "../draw/space";
@@ -75,6 +75,7 @@ export class Pane {
   private viewport = { width: 1, height: 1 };
   private region: Region | undefined;
   private isOverlaid = false;
+  private hasVoids = false;
   private isMorphing = false;
   private morph: Morph | undefined;
   private isMeshNew = false;
@@ -158,6 +159,13 @@ export class Pane {
     this.picture.draw();
   }
 
+  set voids(mask: VoidMask | undefined) {
+    this.picture.ground.voids = mask;
+    this.hasVoids = mask !== undefined;
+    this.showLegend();
+    this.picture.draw();
+  }
+
   set wireframe(isShown: boolean) {
     this.picture.ground.wire = isShown ? 0.3 : 0;
     this.picture.draw();
@@ -215,6 +223,7 @@ export class Pane {
     const parts = [
       ...(this.host.showsErrors ? ["height error", ...errors] : []),
       ...(this.isOverlaid ? [entry("seen", "#ffd27f"), entry("not seen", "#2f2b4a")] : []),
+      ...(this.hasVoids ? [entry("no data", VOID_COLOUR)] : []),
     ];
     const legend = within(this.element, ".legend");
     legend.hidden = parts.length === 0;
