@@ -146,9 +146,9 @@ const SCAN_K: u8 = 3;
 /// Rows of heights that a band holds at most, those around it included.
 const MOST_BAND_ROWS: usize = 2 * BAND_ROWS as usize;
 
-/// How long the first lattices take beside one another, and each further one, measured over rough terrain.
-const SHARES: [f64; 5] = [40.0, 20.0, 12.0, 8.0, 4.0];
-const REST: f64 = 1.0;
+/// How long the first lattices take beside one another, and each further one, by samples of a profile over rough terrain.
+const SHARES: [f64; 6] = [32.0, 19.0, 17.0, 22.0, 7.0, 2.0];
+const REST: f64 = 0.2;
 
 /// Bytes that a band takes while it is worked on, about, for each post of a row of the grid: its heights twice (once more
 /// apart by parity of their columns), and rows of results.
