@@ -6,6 +6,7 @@
 use std::{
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -14,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use sightline_client::{
     Client, ClientError, Event, View,
     morph::{Drawn, Morph},
-    raster::{Projection, Surface},
+    raster::{Projection, Surface, Voids},
     scene::{self, SceneError, SceneState},
 };
 use sightline_proto::{replica::ApplyError, v1};
@@ -266,6 +267,8 @@ struct Generator {
     /// `None` before the first frame, and where nothing slides.
     morph: Option<Morphing>,
     morph_s: Option<f64>,
+    /// Where the ground in pictures is filled in.
+    voids: Option<Arc<Voids>>,
     lines: usize,
     flown: Flown,
 }
@@ -288,6 +291,10 @@ impl Generator {
         let view = open(false).await.map_err(failure)?;
         let plain = if order.plain { Some(open(true).await.map_err(failure)?) } else { None };
         let scene = view.scene().clone();
+        let voids = match order.pictures {
+            Some(_) => client.voids(scene.terrain()).await.map_err(failure)?.map(Arc::new),
+            None => None,
+        };
         let shadow = order.sabotage.map(|kind| Shadow { saboteur: Saboteur::new(kind, scene.clone()), scene });
         let recorder = order
             .record
@@ -301,6 +308,7 @@ impl Generator {
             recorder,
             morph: None,
             morph_s: order.wishes.morph_s,
+            voids,
             lines: order.lines,
             flown,
         })
@@ -403,10 +411,11 @@ impl Generator {
         window_m: Option<[[f64; 2]; 2]>,
     ) -> pictures::Scene<'a> {
         let (state, metres) = (self.view.scene(), self.view.scene().replica().scale_m());
-        let surface = match &self.morph {
+        let mesh = match &self.morph {
             Some(morphing) => Surface::of_mesh(&morphing.drawn, metres),
             None => Surface::of_mesh(state.replica(), metres),
         };
+        let surface = Surface { voids: self.voids.clone(), ..mesh };
         let pinhole = Projection::Perspective { tan_half_fov: order.tan_half_fov, near_m: NEAR_M };
         let parallel = |half_height_m| Projection::Orthographic { half_height_m, near_m: NEAR_M };
         pictures::Scene {

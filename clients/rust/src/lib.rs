@@ -63,6 +63,8 @@ pub use view::{Event, View};
 
 /// Greatest size of a message that a client accepts: a snapshot of millions of triangles fits.
 pub const MAX_MESSAGE_BYTES: usize = 64 << 20;
+/// Heights that are asked for in one call where many are wanted.
+const SAMPLES_AT_ONCE: usize = 65_536;
 
 /// Why a call failed.
 #[derive(Debug, Error)]
@@ -157,6 +159,27 @@ impl Client {
     /// Surface heights at plan positions.
     pub async fn heights(&self, request: v1::GetHeightsRequest) -> Result<v1::GetHeightsResponse, ClientError> {
         Ok(self.terrains().get_heights(request).await?.into_inner())
+    }
+
+    /// Where the terrain has no data, for pictures of it; `None` where it has data everywhere.
+    pub async fn voids(&self, terrain: &v1::TerrainDescription) -> Result<Option<raster::Voids>, ClientError> {
+        if terrain.void_posts == 0 {
+            return Ok(None);
+        }
+        let [columns, rows] = [terrain.nx, terrain.ny].map(raster::Voids::samples);
+        let mut cells = Vec::with_capacity(columns.len() * rows.len());
+        for some in rows.chunks((SAMPLES_AT_ONCE / columns.len().max(1)).max(1)) {
+            let places = some.iter().flat_map(|&j| columns.iter().map(move |&i| (f64::from(i), f64::from(j))));
+            let (x, y): (Vec<_>, Vec<_>) = places.unzip();
+            let asked = x.len();
+            let frame = v1::CoordinateFrame::Grid.into();
+            let known = self.heights(v1::GetHeightsRequest { frame, x, y, ..Default::default() }).await?.known;
+            if known.len() != asked {
+                return Err(ClientError::Protocol("another number of heights than was asked for"));
+            }
+            cells.extend(known.into_iter().map(|known| !known));
+        }
+        Ok(raster::Voids::new(columns.len(), rows.len(), cells))
     }
 
     /// The exact answer to one line.

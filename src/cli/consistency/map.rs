@@ -1,11 +1,11 @@
 //! The map of a consistency test: the sight lines as they stand at the end, where the clients' plain meshes have them wrong,
 //! and where triangles were spent so that their other meshes have not.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use sightline_client::{
     judge::first_below,
-    raster::{self, Mark, MarkKind, Picture, Style, Surface},
+    raster::{self, Mark, MarkKind, Picture, Style, Surface, Voids},
 };
 use sightline_proto::{
     diamond::{Post, RootSquare},
@@ -19,7 +19,7 @@ use crate::{
     database::Database,
     evaluate::{consistency::percent, oracle::Ends},
     los::{self, Options},
-    terrain::{HeightField, Posts, ReadError},
+    terrain::{DrawnPost, HeightField, Posts, ReadError},
 };
 
 /// Samples along the side of a map's ground.
@@ -193,12 +193,15 @@ fn ground(theatre: [[f64; 2]; 2], database: &Database) -> Result<Surface, ReadEr
     };
     let (columns, rows) = (axis(0, grid.nx() - 1), axis(1, grid.ny() - 1));
     let mut surface = Surface::default();
+    let mut voids = Vec::new();
     for &j in &rows {
         for &i in &columns {
-            let z = posts.at(Post::new(i, j))?.z;
+            let DrawnPost { z, void } = posts.at(Post::new(i, j))?;
             surface.vertices.push(in_scene(database, [f64::from(i), f64::from(j), z]));
+            voids.push(void);
         }
     }
+    surface.voids = Voids::new(columns.len(), rows.len(), voids).map(Arc::new);
     let width = columns.len() as u32;
     for row in 0..rows.len() as u32 - 1 {
         for column in 0..width - 1 {

@@ -156,7 +156,8 @@ fn fill_triangle(target: &mut Target, view: &View, paint: &Paint, surface: &Surf
                 continue;
             }
             target.depth[n] = depth;
-            target.colour[n] = colour(view, paint, setup, corners, bary, weights, p);
+            let is_void = surface.is_void(p.x, p.y);
+            target.colour[n] = colour(view, paint, setup, corners, Sample { bary, weights, p, is_void });
         }
     }
 }
@@ -165,18 +166,22 @@ fn blend3(bary: [f64; 3], of: [f64; 3]) -> f64 {
     bary[0] * of[0] + bary[1] * of[1] + bary[2] * of[2]
 }
 
-fn colour(
-    view: &View,
-    paint: &Paint,
-    setup: &Setup,
-    corners: &Corners,
+/// A sample of a triangle.
+struct Sample {
     bary: [f64; 3],
     weights: [f64; 3],
+    /// In the scene frame.
     p: DVec3,
-) -> [f32; 3] {
+    is_void: bool,
+}
+
+fn colour(view: &View, paint: &Paint, setup: &Setup, corners: &Corners, sample: Sample) -> [f32; 3] {
+    let Sample { bary, weights, p, is_void } = sample;
     let light = blend3(bary, corners.shade);
     let mut out = palette::hypsometric((p.z - paint.low_m) / paint.span_m).map(|c| (f64::from(c) * light) as f32);
-    if paint.muted {
+    if is_void {
+        out = palette::NO_DATA.map(|c| (f64::from(c) * light) as f32);
+    } else if paint.muted {
         let grey = 0.3 * out[0] + 0.55 * out[1] + 0.15 * out[2];
         out = mix([0.45 + 0.5 * grey; 3], out, 0.12);
     }

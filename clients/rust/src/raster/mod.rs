@@ -6,6 +6,7 @@
 //! Frame: the scene frame, metres east, north and up of post (0, 0).
 //!
 //! Colours follow height (hypsometric tints) and a light from the north-west, as on printed maps; distance adds haze.
+//! Ground without data is blue.
 
 mod fill;
 mod font;
@@ -13,11 +14,13 @@ mod marks;
 mod palette;
 mod picture;
 mod surface;
+mod voids;
 
 use glam::{DQuat, DVec3};
 
 pub use picture::{EncodeError, Picture};
 pub use surface::Surface;
+pub use voids::Voids;
 
 use fill::Target;
 
@@ -113,7 +116,7 @@ pub fn draw_view(surface: &Surface, camera: &Camera, marks: &[Mark], style: &Sty
     fill::fill_surface(&mut target, surface, &view, &paint);
     fill::fill_sky(&mut target, &view);
     marks::draw_marks(&mut target, &view, marks, marks::Depth::Tested);
-    finish(&target, style)
+    finish(&target, surface, style)
 }
 
 /// Draws the surface from above, north up: all of it, or the plan rectangle `window` (south-west and north-east
@@ -143,13 +146,15 @@ pub fn draw_map(
     fill::fill_surface(&mut target, surface, &view, &paint);
     fill::fill_paper(&mut target);
     marks::draw_marks(&mut target, &view, marks, marks::Depth::OnTop);
-    finish(&target, style)
+    finish(&target, surface, style)
 }
 
-fn finish(target: &Target, style: &Style) -> Picture {
+fn finish(target: &Target, surface: &Surface, style: &Style) -> Picture {
     let mut picture = target.resolve(SAMPLES);
+    let no_data = surface.voids.is_some().then(|| "blue: no data".to_owned());
+    let caption: Vec<_> = style.caption.iter().cloned().chain(no_data).collect();
     let legend = style.legend.iter().map(|(kind, text)| (marks::colour(*kind).map(|c| (c * 255.0) as u8), &**text));
-    font::print_panel(&mut picture, &style.caption, &legend.collect::<Vec<_>>());
+    font::print_panel(&mut picture, &caption, &legend.collect::<Vec<_>>());
     picture
 }
 

@@ -1,12 +1,14 @@
 //! Triangles in the scene frame, ready to draw.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use glam::DVec3;
 use sightline_proto::{
     diamond::{Post, Triangle},
     mesh::Mesh,
 };
+
+use super::Voids;
 
 /// Triangles in the scene frame (metres east, north and up of post (0, 0)).
 #[derive(Clone, PartialEq, Debug, Default)]
@@ -17,6 +19,8 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
     /// South-west and north-east corner of the plan rectangle that is drawn; what lies beyond is cut off.
     pub extent: [[f64; 2]; 2],
+    /// Where its ground is filled in for want of data.
+    pub voids: Option<Arc<Voids>>,
 }
 
 impl Surface {
@@ -41,6 +45,13 @@ impl Surface {
         let z = mesh.height(p).unwrap_or(0.0);
         self.vertices.push([f64::from(p.i) * metres[0], f64::from(p.j) * metres[1], z * metres[2]]);
         (self.vertices.len() - 1) as u32
+    }
+
+    /// Whether the ground at a place of the plan is filled in.
+    pub(super) fn is_void(&self, x_m: f64, y_m: f64) -> bool {
+        let [low, high] = self.extent;
+        let fractions = [(x_m - low[0]) / (high[0] - low[0]), (y_m - low[1]) / (high[1] - low[1])];
+        self.voids.as_ref().is_some_and(|voids| voids.at(fractions))
     }
 
     /// Least and greatest height in metres; both 0 without vertices.

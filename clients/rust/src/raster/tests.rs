@@ -96,6 +96,25 @@ fn a_triangle_behind_and_before_the_eye_is_cut_at_the_near_plane() {
 }
 
 #[test]
+fn ground_without_data_is_blue_from_above_and_from_its_side() {
+    let mut ground = surface(|_, _| 0.0);
+    let style = Style { height_range_m: Some([0.0, 100.0]), ..Style::default() };
+    let pictures =
+        |ground: &Surface| [draw_map(ground, None, 400, &[], &style), draw_view(ground, &northward(), &[], &style)];
+    let is_blue = |picture: &Picture, [x, y]: [u32; 2]| {
+        let [red, green, blue] = picture.pixel(x, y).unwrap();
+        blue > green && green > red
+    };
+    // Of 9 by 9 posts those of the four columns in the west.
+    ground.voids = Voids::new(9, 9, (0..81).map(|n| n % 9 < 4).collect()).map(std::sync::Arc::new);
+    for (picture, [west, east]) in pictures(&ground).iter().zip([[[100, 300], [300, 300]], [[5, 60], [90, 60]]]) {
+        assert!(is_blue(picture, west) && !is_blue(picture, east));
+    }
+    ground.voids = None;
+    assert!(pictures(&ground).iter().zip([[100, 300], [5, 60]]).all(|(picture, west)| !is_blue(picture, west)));
+}
+
+#[test]
 fn the_light_comes_from_the_north_west() {
     let slope = |di: i32, dj: i32| surface(move |i, j| f64::from(400 + di * i as i32 * 20 + dj * j as i32 * 20));
     let style = Style { height_range_m: Some([0.0, 1e6]), ..Style::default() };
