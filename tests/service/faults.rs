@@ -311,50 +311,70 @@ impl http_body::Body for Begun {
     }
 }
 
-/// Requests that begin and do not end hold no more memory than is allowed, and not for ever; a view may be silent.
+/// How a request for heights ends of whose message of 90,000 bytes so many come.
+async fn begin(channel: tonic::transport::Channel, bytes: usize) -> ClientError {
+    let message = [&[0][..], &90_000_u32.to_be_bytes(), &vec![0; bytes]].concat();
+    let body = Begun(Some(message).filter(|_| bytes > 0));
+    let request = tonic::codegen::http::Request::post("http://server/sightline.v1.TerrainService/GetHeights")
+        .header("content-type", "application/grpc")
+        .body(tonic::body::Body::new(body))
+        .unwrap();
+    let mut channel = channel;
+    std::future::poll_fn(|cx| tonic::codegen::Service::poll_ready(&mut channel, cx)).await.unwrap();
+    let response = timeout(PATIENCE, tonic::codegen::Service::call(&mut channel, request)).await;
+    tonic::Status::from_header_map(response.expect("an end").unwrap().headers()).expect("a status").into()
+}
+
+async fn channel(running: &Running) -> tonic::transport::Channel {
+    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
+    endpoint.connect().await.unwrap()
+}
+
+/// Requests that begin and do not end hold no more memory than is allowed.
 #[tokio::test]
-async fn requests_that_drip_are_counted_and_ended() {
+async fn bytes_of_requests_under_way_are_bounded() {
     let limits = Limits {
         request_bytes: 100_000,
         bytes_under_way_per_client: 150_000,
         bytes_under_way: 400_000,
-        receiving_s: 0.6,
         ..Limits::default()
     };
     let running = Running::start(TestTerrain::new(None), limits).await;
-    let client = running.client().await;
+    let (client, channel) = (running.client().await, channel(&running).await);
+    let until = async |enough: &dyn Fn(u64) -> bool| {
+        let looking = async {
+            loop {
+                let limits = client.status().await.unwrap().limits;
+                if enough(limits.iter().find(|limit| limit.name == "bytes_under_way").unwrap().used) {
+                    return;
+                }
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        timeout(PATIENCE, looking).await.expect("what is held is counted, and what has ended is not");
+    };
+    let first = tokio::spawn(begin(channel.clone(), 80_000));
+    until(&|used| used >= 80_000).await;
+    refusal::<()>(
+        Err(begin(channel.clone(), 80_000).await),
+        Code::ResourceExhausted,
+        "limits.bytes_under_way_per_client",
+    );
+    first.abort();
+    until(&|used| used < 1_000).await;
+}
+
+/// Requests that do not arrive are ended; a view may be silent for as long as it likes.
+#[tokio::test]
+async fn requests_that_drip_are_ended() {
+    let limits = Limits { receiving_s: 1.0, ..Limits::default() };
+    let running = Running::start(TestTerrain::new(None), limits).await;
+    let (client, channel) = (running.client().await, channel(&running).await);
     let mut view = client.open_view("", settings(300), pose(1.0, 1.0)).await.unwrap();
     frame(&mut view).await;
-    let endpoint = tonic::transport::Endpoint::from_shared(format!("http://{}", running.address)).unwrap();
-    let channel = endpoint.connect().await.unwrap();
-    // A message of 90,000 bytes of which 80,000 come.
-    let begun = [&[0][..], &90_000_u32.to_be_bytes(), &vec![0; 80_000]].concat();
-    let ask = |body: Vec<u8>| {
-        let mut channel = channel.clone();
-        let uri = format!("http://{}/sightline.v1.TerrainService/GetHeights", running.address);
-        let request = tonic::codegen::http::Request::post(uri).header("content-type", "application/grpc");
-        let request = request.body(tonic::body::Body::new(Begun(Some(body)))).unwrap();
-        async move {
-            std::future::poll_fn(|cx| tonic::codegen::Service::poll_ready(&mut channel, cx)).await.unwrap();
-            let response = timeout(PATIENCE, tonic::codegen::Service::call(&mut channel, request)).await;
-            tonic::Status::from_header_map(response.expect("an end").unwrap().headers()).expect("a status")
-        }
-    };
-    let used = async || {
-        let limits = client.status().await.unwrap().limits;
-        limits.iter().find(|limit| limit.name == "bytes_under_way").unwrap().used
-    };
-    let first = tokio::spawn(ask(begun.clone()));
-    let held = async {
-        while used().await < 80_000 {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-    };
-    timeout(PATIENCE, held).await.expect("it is counted");
-    refusal::<()>(Err(ask(begun).await.into()), Code::ResourceExhausted, "limits.bytes_under_way_per_client");
-    refusal::<()>(Err(first.await.unwrap().into()), Code::DeadlineExceeded, "limits.receiving_s");
-    refusal::<()>(Err(ask(Vec::new()).await.into()), Code::DeadlineExceeded, "limits.receiving_s");
-    assert!(used().await < 1_000, "what has ended holds nothing");
+    for bytes in [80_000, 0] {
+        refusal::<()>(Err(begin(channel.clone(), bytes).await), Code::DeadlineExceeded, "limits.receiving_s");
+    }
     view.steer(pose(900.0, 900.0)).await.unwrap();
     frame(&mut view).await;
 }

@@ -17,11 +17,14 @@ from sightline import (
     Fidelity,
     Lease,
     Pose,
+    Recording,
     Settings,
     SightLine,
     UnknownReason,
     Verdict,
+    convert,
 )
+from sightline.v1 import operation_pb2 as operation
 
 EYE = Pose.looking((200.0, 300.0, 400.0), (NX * CELL_M / 2, NY * CELL_M / 2, 0.0))
 
@@ -128,6 +131,9 @@ def test_a_status_counts(server: sightline.Client) -> None:
         now = server.status()
     assert now.serving and now.troubles == () and now.version and now.uptime_s >= before.uptime_s
     assert now.visible - before.visible == 10 and now.frames > before.frames
+    assert now.recording is None
+    told = operation.GetStatusResponse(recording=operation.RecordingState(bytes=5, limit_bytes=9, ended="full"))
+    assert convert.status(told).recording == Recording(5, 9, "full")
     assert now.limits["views"].used == before.limits["views"].used + 1 <= now.limits["views"].limit
 
 

@@ -37,6 +37,7 @@ from .types import (
     Profile,
     Ray,
     RayEnd,
+    Recording,
     SightLine,
     State,
     StatedLine,
@@ -241,7 +242,9 @@ def status(wire: operation.GetStatusResponse) -> Status:
     """How a server is."""
     plain = {field.name: getattr(wire, field.name) for field in wire.DESCRIPTOR.fields}
     limits = {use.name: LimitUse(use.used, use.limit) for use in wire.limits}
-    return Status(**plain | {"troubles": tuple(wire.troubles), "limits": limits})
+    of = wire.recording
+    recording = Recording(of.bytes, of.limit_bytes, of.ended) if wire.HasField("recording") else None
+    return Status(**plain | {"troubles": tuple(wire.troubles), "limits": limits, "recording": recording})
 
 
 def _obstruction(wire: los.Obstruction) -> Obstruction:

@@ -417,6 +417,17 @@ class LimitUse:
 
 
 @dataclass(frozen=True, slots=True)
+class Recording:
+    """What a server records of itself."""
+
+    bytes: int
+    limit_bytes: int
+    """At which it ends; the server goes on."""
+    ended: str
+    """Why it has ended; empty while it goes on."""
+
+
+@dataclass(frozen=True, slots=True)
 class Status:
     """How a server is, now and since it started."""
 
@@ -451,6 +462,8 @@ class Status:
     """Over all views, on the last frame of each."""
     received_bytes: int
     sent_bytes: int
+    recording: Recording | None
+    """Absent when the server was told to make none."""
 
 
 @dataclass(frozen=True, slots=True)
