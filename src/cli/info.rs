@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::{Context, Failure, output::Output, relief, statistics};
 use crate::{
-    database::{Database, OpenError, OpenOptions, Statistics},
+    database::{Database, OpenError, OpenOptions, Statistics, version_digits},
     terrain::{Georeference, SceneScale},
 };
 
@@ -46,11 +46,6 @@ pub(super) fn open_failure(path: &Path, error: OpenError) -> Failure {
     }
 }
 
-/// Bytes as hexadecimal digits.
-pub(super) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
-}
-
 impl Args {
     pub(super) fn run(self, context: &Context) -> Result<(), Failure> {
         let database = open(&self.database)?;
@@ -84,7 +79,7 @@ impl Args {
             })
         });
         json!({
-            "database": self.database, "version": hex(&database.version()),
+            "database": self.database, "version": version_digits(&database.version()),
             "nx": grid.nx(), "ny": grid.ny(), "posts": grid.posts(), "root_exponent": grid.root().exponent(),
             "void_posts": database.void_posts(),
             "unit_m": scale.up_m, "lowest": lowest, "highest": highest,
@@ -107,7 +102,7 @@ impl Args {
         let per_post = |bytes: u64| bytes as f64 / grid.posts() as f64;
         let mut lines = vec![
             format!("database      {}", self.database.display()),
-            format!("version       {}", hex(&database.version())),
+            format!("version       {}", version_digits(&database.version())),
             format!("posts         {} x {} = {}", grid.nx(), grid.ny(), grid.posts()),
             format!("root square   2^{} = {} cells a side", grid.root().exponent(), grid.root().side()),
             format!("height unit   {up_m} m"),

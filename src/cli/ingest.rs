@@ -9,7 +9,6 @@ use serde_json::json;
 
 use super::{
     Context, Failure,
-    info::hex,
     progress::{Part, Progress},
 };
 use crate::{
@@ -199,7 +198,7 @@ fn report(context: &Context, output: &Path, done: &Ingested, seconds: f64) {
     if context.json {
         let seams = done.seams.map(seams_json);
         let document = json!({
-            "database": output, "version": hex(&done.written.version), "posts": done.posts,
+            "database": output, "version": database::version_digits(&done.written.version), "posts": done.posts,
             "void_posts": done.void_posts, "unit_m": done.unit_m, "bytes": done.written.file_bytes,
             "bytes_per_post": bytes_per_post, "seconds": seconds, "seams": seams,
         });
@@ -219,7 +218,7 @@ fn report(context: &Context, output: &Path, done: &Ingested, seconds: f64) {
         done.posts,
         done.unit_m,
         done.written.file_bytes,
-        hex(&done.written.version)
+        database::version_digits(&done.written.version)
     );
 }
 

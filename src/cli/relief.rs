@@ -1,6 +1,6 @@
 //! Shaded relief: how bright ground of a slope is, and a small picture of a whole terrain.
 
-use sightline_client::raster::Picture;
+use sightline_client::raster::{self, Picture};
 use sightline_proto::diamond::Post;
 
 use crate::{
@@ -12,10 +12,9 @@ use crate::{
 const RELIEF: f64 = 1.6;
 /// Pixels along the longer side of a small picture.
 const LONGER_PX: f64 = 512.0;
-/// Colours from the least height to the greatest, evenly apart, and of voids.
+/// Colours from the least height to the greatest, evenly apart.
 const HEIGHTS: [[f64; 3]; 5] =
     [[0.42, 0.58, 0.40], [0.70, 0.74, 0.50], [0.86, 0.76, 0.56], [0.74, 0.60, 0.50], [0.97, 0.97, 0.97]];
-const VOID: [f64; 3] = [0.45, 0.62, 0.80];
 /// Brightness of voids.
 const VOID_LIGHT: f64 = 0.9;
 
@@ -60,7 +59,7 @@ pub(super) fn thumbnail(database: &Database) -> Result<Picture, ReadError> {
                     (height_tint(z, range_m), brightness([(east - z) / px_m, (north - z) / px_m]))
                 }
                 (Some(z), ..) => (height_tint(z, range_m), VOID_LIGHT),
-                _ => (VOID, VOID_LIGHT),
+                _ => (raster::NO_DATA.map(f64::from), VOID_LIGHT),
             };
             pixel.iter_mut().zip(tint).for_each(|(out, v)| *out = (255.0 * v * light).clamp(0.0, 255.0) as u8);
         }

@@ -408,6 +408,20 @@ fn extremes_are_those_of_the_heights_and_a_file_without_them_is_read_too() {
     }
 }
 
+/// The file with other bytes in the first page of a section, and checksums that fit them.
+fn forged(bytes: &[u8], database: &Database, section: usize, change: impl FnOnce(&mut [u8])) -> Vec<u8> {
+    let s = database.sections[section];
+    let (mut page, entry) = database.page_bytes(section, &Paging::of_section(&s).unwrap(), 0).unwrap();
+    change(&mut page);
+    let mut entries = database.directory_block(section, 0).unwrap().to_vec();
+    entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
+    let directory = directory::encode_block(0, &entries);
+    let mut forged = bytes.to_vec();
+    forged[entry.offset as usize..][..page.len()].copy_from_slice(&page);
+    forged[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
+    forged
+}
+
 /// A page whose bytes changed is an error for who needs it; one whose values are not those of the heights, checksum and
 /// all, is found by verification.
 #[test]
@@ -416,9 +430,8 @@ fn damaged_and_wrong_extremes_are_found() {
     let (bytes, _) = written(&field, usize::MAX);
     let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
     for (level, &section) in database.extremes.iter().enumerate() {
-        let s = database.sections[section];
-        let paging = Paging::of_section(&s).unwrap();
-        let (page, entry) = database.page_bytes(section, &paging, 0).unwrap();
+        let paging = Paging::of_section(&database.sections[section]).unwrap();
+        let (_, entry) = database.page_bytes(section, &paging, 0).unwrap();
         let mut bad = bytes.clone();
         bad[entry.offset as usize] ^= 1;
         let damaged = Database::open_whole(Bytes::boxed(&bad), NO_CACHE).unwrap();
@@ -426,14 +439,10 @@ fn damaged_and_wrong_extremes_are_found() {
         assert!(error.contains(&format!("page (0, 0) of extremes of level {}", level + 1)), "{error}");
         assert_eq!(blocks(&damaged).iter().any(Result::is_err), level == 0);
         // The same change under a checksum that fits it: the least height is one less.
-        let mut entries = database.directory_block(section, 0).unwrap().to_vec();
-        let mut page = page;
-        let least = i16::from_le_bytes([page[0], page[1]]) - 1;
-        page[..2].copy_from_slice(&least.to_le_bytes());
-        entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
-        let directory = directory::encode_block(0, &entries);
-        bad[entry.offset as usize..][..page.len()].copy_from_slice(&page);
-        bad[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
+        let bad = forged(&bytes, &database, section, |page| {
+            let least = i16::from_le_bytes([page[0], page[1]]) - 1;
+            page[..2].copy_from_slice(&least.to_le_bytes());
+        });
         let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();
         assert!(found.damage.iter().any(|d| d.contains("not those of the heights")), "{found:?}");
     }
@@ -448,8 +457,8 @@ fn damaged_and_wrong_heights_beside_bounds_are_found() {
     let (bytes, _) = written(&field, usize::MAX);
     let database = Database::open_whole(Bytes::boxed(&bytes), NO_CACHE).unwrap();
     for (k, &section) in (1..).zip(&database.lattices) {
-        let s = database.sections[section];
-        let (mut page, entry) = database.page_bytes(section, &Paging::of_section(&s).unwrap(), 0).unwrap();
+        let paging = Paging::of_section(&database.sections[section]).unwrap();
+        let (_, entry) = database.page_bytes(section, &paging, 0).unwrap();
         // The first post of the first quad lies one step east; its height is behind nine bytes of bounds.
         let (east, coarser) = (Post::new(1 << k, 0), Post::new(2 << k, 0));
         let mut bad = bytes.clone();
@@ -458,12 +467,7 @@ fn damaged_and_wrong_heights_beside_bounds_are_found() {
         let error = damaged.bounds_and_height(east).unwrap_err().to_string();
         assert!(error.contains(&format!("page (0, 0) of bounds of step {}", 1 << k)), "{error}");
         assert!(field.grid().root().is_corner(coarser) || damaged.bounds_and_height(coarser).is_ok());
-        page[9] ^= 1;
-        let mut entries = database.directory_block(section, 0).unwrap().to_vec();
-        entries[0].checksum = xxhash_rust::xxh3::xxh3_64(&page);
-        let directory = directory::encode_block(0, &entries);
-        bad[entry.offset as usize..][..page.len()].copy_from_slice(&page);
-        bad[s.offset as usize..][..directory.len()].copy_from_slice(&directory);
+        let bad = forged(&bytes, &database, section, |page| page[9] ^= 1);
         let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();
         assert!(found.damage.iter().any(|d| d.contains("not those of the posts")), "{found:?}");
     }

@@ -27,6 +27,11 @@ pub struct TerrainManifest {
     pub void_posts: u64,
 }
 
+/// A terrain version as it is shown: hexadecimal digits.
+pub fn version_digits(version: &[u8]) -> String {
+    version.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// Where the terrain came from. Not part of the terrain version.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 pub struct Provenance {

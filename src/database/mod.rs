@@ -35,7 +35,7 @@ mod writer;
 pub use budget::DEFAULT_MEMORY_BYTES;
 pub use error::{OpenError, WriteError};
 pub use ingest::{IngestError, IngestOptions, IngestProgress, Ingested, Stage, VoidPolicy, ingest};
-pub use manifest::{Provenance, TerrainManifest};
+pub use manifest::{Provenance, TerrainManifest, version_digits};
 pub use reader::{Database, OpenOptions, Reads, SectionInfo};
 pub use statistics::{
     DEVIATION_PERCENTS, HEIGHT_BANDS, HEIGHT_PERCENTS, HeightStatistics, LevelStatistics, Statistics, statistics,

@@ -181,9 +181,8 @@ impl Counts {
         let (grid, (w, h)) = (database.grid(), database.grid().page_size(id));
         let (west, south) = (id.pi * PAGE_SIDE, id.pj * PAGE_SIDE);
         for p in (south..south + h).flat_map(|j| (west..west + w).map(move |i| Post::new(i, j))) {
-            if !grid.root().is_corner(p) {
-                let level = level_of(grid, p) as usize;
-                self.levels[level].count(database.bounds(p)?.tight);
+            if let Some(level) = grid.root().level(p) {
+                self.levels[usize::from(level)].count(database.bounds(p)?.tight);
             }
         }
         Ok(())
@@ -232,13 +231,6 @@ impl Counts {
             _ => (self.squares as f64 / n as f64 - (sum as f64 / n as f64) * (sum as f64 / n as f64)).max(0.0),
         }
     }
-}
-
-/// The level of the diamond at `p`: two for each step of posts, square diamonds before tilted ones.
-fn level_of(grid: Grid, p: Post) -> u32 {
-    let k = (p.i | p.j).trailing_zeros();
-    let tilted = (p.i >> k).is_multiple_of(2) || (p.j >> k).is_multiple_of(2);
-    2 * (u32::from(grid.root().exponent()) - 1 - k) + u32::from(tilted)
 }
 
 impl LevelCounts {
@@ -371,7 +363,7 @@ mod tests {
             assert_eq!(found.levels.len(), 2 * usize::from(grid.root().exponent()));
             let mut diamonds = 0;
             for level in &found.levels {
-                let of_level = |p: &&Post| !grid.root().is_corner(**p) && level_of(grid, **p) == level.level;
+                let of_level = |p: &&Post| grid.root().level(**p).map(u32::from) == Some(level.level);
                 let mut deviations: Vec<_> =
                     all.iter().filter(of_level).map(|&p| bounds.bounds(p).unwrap().tight).collect();
                 deviations.sort_unstable_by(f32::total_cmp);
@@ -402,7 +394,7 @@ mod tests {
         let root = grid.root();
         for p in (0..=128).flat_map(|j| (0..=128).map(move |i| Post::new(i, j))).filter(|&p| !root.is_corner(p)) {
             for parent in root.parents(p).filter(|&parent| !root.is_corner(parent)) {
-                assert_eq!(level_of(grid, p), level_of(grid, parent) + 1, "{p:?}");
+                assert_eq!(root.level(p), root.level(parent).map(|level| level + 1), "{p:?}");
             }
         }
         let (_, found) = of(&terrain(70, 129, 1, 1, false), 1 << 20);

@@ -13,7 +13,10 @@ use sightline_proto::v1::{self, stream_scene_response::Response};
 use thiserror::Error;
 
 use super::oracle::{Ends, Oracle, OracleError};
-use crate::database::envelope::{self, EnvelopeError, Sealed};
+use crate::database::{
+    envelope::{self, EnvelopeError, Sealed},
+    version_digits,
+};
 
 /// Greatest size of a recording's value in bytes.
 pub const RECORDING_LIMIT: usize = 1 << 30;
@@ -159,7 +162,7 @@ pub fn replay(
     let Some(Response::Opened(opened)) = decode(0)?.response else { return Err(ReplayError::Opening) };
     let recorded = opened.terrain.as_ref().map_or(&[][..], |terrain| &terrain.version);
     if recorded != version {
-        let [recorded, found] = [recorded, version].map(|v| v.iter().map(|b| format!("{b:02x}")).collect());
+        let [recorded, found] = [recorded, version].map(version_digits);
         return Err(ReplayError::Terrain { recorded, found });
     }
     let fits = |message| move |source| ReplayError::Scene { message, source };

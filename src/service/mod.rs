@@ -266,10 +266,7 @@ impl<T: ServedTerrain> Shared<T> {
             queue_age,
             queue_length,
             is_serving: self.troubles().is_empty(),
-            recording: self.journal.as_ref().map_or((false, 0), |journal| {
-                let state = journal.state();
-                (state.ended.is_none(), state.bytes)
-            }),
+            recording: self.journal.as_ref().map(|journal| journal.state()),
             bytes_under_way: self.accounts.bytes(),
         }
     }

@@ -29,18 +29,19 @@ fn status<T: ServedTerrain>(shared: &Shared<T>) -> v1::GetStatusResponse {
         troubles: shared.troubles(),
         ..Default::default()
     };
-    status.recording = shared.journal.as_ref().map(|journal| {
-        let JournalState { bytes, limit_bytes, ended } = journal.state();
-        v1::RecordingState { bytes, limit_bytes, ended: ended.unwrap_or_default() }
-    });
-    shared.metrics.fill(&mut status, now);
+    shared.metrics.fill(&mut status, &now);
     status.limits = vec![
         limit("connections", status.connections, limits.connections as u64),
         limit("views", now.views, limits.views as u64),
         limit("verdict_watches", now.verdict_watches, limits.verdict_watches as u64),
         limit("triangles", now.triangles, limits.triangles),
-        limit("bytes_under_way", shared.accounts.bytes(), limits.bytes_under_way),
+        limit("bytes_under_way", now.bytes_under_way, limits.bytes_under_way),
         limit("exercises", now.exercises, crate::store::MAX_EXERCISES as u64),
     ];
+    status.recording = now.recording.map(|JournalState { bytes, limit_bytes, ended }| v1::RecordingState {
+        bytes,
+        limit_bytes,
+        ended: ended.unwrap_or_default(),
+    });
     status
 }

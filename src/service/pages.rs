@@ -32,7 +32,7 @@ pub(super) async fn metrics<T: ServedTerrain>(State(shared): State<Arc<Shared<T>
     }
     // Exercises are counted in the store, which may have to be read.
     let inner = Arc::clone(&shared);
-    let page = tokio::task::spawn_blocking(move || inner.metrics.page(inner.moment())).await;
+    let page = tokio::task::spawn_blocking(move || inner.metrics.page(&inner.moment())).await;
     match page {
         Ok(page) => ([(header::CONTENT_TYPE, METRICS_TYPE)], page).into_response(),
         Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),

@@ -19,6 +19,8 @@ use prometheus_client::{
 };
 use sightline_proto::{predicates::exact_signs, v1};
 
+use crate::session::journal::JournalState;
+
 /// Upper ends of the classes of times in seconds: a third of a decade each.
 const SECONDS: [f64; 16] = [1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 2.0];
 
@@ -111,7 +113,7 @@ impl fmt::Debug for Metrics {
 }
 
 /// What is looked up when somebody asks, in place of being counted.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default)]
 pub(super) struct Moment {
     pub(super) views: u64,
     pub(super) verdict_watches: u64,
@@ -120,8 +122,8 @@ pub(super) struct Moment {
     pub(super) queue_age: Duration,
     pub(super) queue_length: usize,
     pub(super) is_serving: bool,
-    /// Whether what happens is being recorded, and the bytes recorded.
-    pub(super) recording: (bool, u64),
+    /// The recording of what happens, if there is one.
+    pub(super) recording: Option<JournalState>,
     /// Of requests.
     pub(super) bytes_under_way: u64,
 }
@@ -253,7 +255,7 @@ impl Metrics {
     }
 
     /// The page for Prometheus.
-    pub(super) fn page(&self, now: Moment) -> String {
+    pub(super) fn page(&self, now: &Moment) -> String {
         let gauge = |gauge: &Gauge, value: u64| gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
         gauge(&self.views, now.views);
         gauge(&self.verdict_watches, now.verdict_watches);
@@ -261,8 +263,9 @@ impl Metrics {
         gauge(&self.exercises, now.exercises);
         gauge(&self.queue_length, now.queue_length as u64);
         gauge(&self.serving, now.is_serving.into());
-        gauge(&self.recording, now.recording.0.into());
-        gauge(&self.recorded, now.recording.1);
+        let recording = now.recording.as_ref();
+        gauge(&self.recording, recording.is_some_and(|state| state.ended.is_none()).into());
+        gauge(&self.recorded, recording.map_or(0, |state| state.bytes));
         gauge(&self.under_way, now.bytes_under_way);
         self.queue_age.set(now.queue_age.as_secs_f64());
         self.exact.set(exact_signs());
@@ -274,7 +277,7 @@ impl Metrics {
     }
 
     /// The essentials, as far as they are counted here.
-    pub(super) fn fill(&self, status: &mut v1::GetStatusResponse, now: Moment) {
+    pub(super) fn fill(&self, status: &mut v1::GetStatusResponse, now: &Moment) {
         let verdicts = |verdict| self.verdicts.get_or_create(&VerdictLabels { verdict }).get();
         let count = |gauge: i64| u64::try_from(gauge).unwrap_or(0);
         status.connections = count(self.connections.get());
@@ -319,7 +322,7 @@ mod tests {
         metrics.call("/a/B", tonic::Code::ResourceExhausted, Duration::ZERO);
         metrics.frame(100, Duration::from_micros(70), true);
         metrics.refined(5, 3);
-        let page = metrics.page(Moment { views: 7, queue_age: Duration::from_millis(250), ..Moment::default() });
+        let page = metrics.page(&Moment { views: 7, queue_age: Duration::from_millis(250), ..Moment::default() });
         for line in [
             "sightline_verdicts_total{verdict=\"visible\"} 2",
             "sightline_exact_lines_total 1",

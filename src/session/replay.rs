@@ -16,6 +16,7 @@ use thiserror::Error;
 
 use super::{Details, Event, Pose, Settings, View, describe, journal::Entry};
 use crate::{
+    database::version_digits,
     exercise::{Exercise, Site},
     roam::Terrain,
     terrain::ReadError,
@@ -121,8 +122,8 @@ impl<T: Terrain> Replay<T> {
     pub fn take(&mut self, entry: Entry) -> Result<(), ReplayError> {
         match entry {
             Entry::Began { terrain, .. } if terrain != self.version => {
-                let digits = |version: &[u8]| version.iter().map(|byte| format!("{byte:02x}")).collect();
-                return Err(ReplayError::Terrain { recorded: digits(&terrain), here: digits(&self.version) });
+                let [recorded, here] = [&terrain, &self.version].map(|version| version_digits(version));
+                return Err(ReplayError::Terrain { recorded, here });
             }
             Entry::Began { .. } => {}
             Entry::Ended { is_full } => (self.found.has_ended, self.found.is_full) = (true, is_full),

@@ -22,7 +22,7 @@ fn refused(paths: &[&PathBuf]) -> String {
 }
 
 /// A grid in metres whose south-western post lies at (x, y).
-fn grid(x: f64, y: f64, step: f64, rows: &[&str]) -> String {
+pub(super) fn grid(x: f64, y: f64, step: f64, rows: &[&str]) -> String {
     let (nx, ny) = (rows[0].split(' ').count(), rows.len());
     let rows = rows.join("\n");
     format!("ncols {nx}\nnrows {ny}\nxllcenter {x}\nyllcenter {y}\ncellsize {step}\n{rows}\n")

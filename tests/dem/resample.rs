@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use sightline::dem::{self, DemError, OpenOptions, Raster, Resampling};
 
 use crate::encoders::hgt;
-use crate::{Folder, assert_same, read};
+use crate::{Folder, assert_same, join, read};
 
 const NAN: f64 = f64::NAN;
 
@@ -16,9 +16,7 @@ fn open(paths: &[&PathBuf], method: Resampling) -> Result<Box<dyn Raster>, DemEr
 
 /// A grid whose south-western post lies at (x, 2000).
 fn grid(x: f64, step: f64, rows: &[&str]) -> String {
-    let (nx, ny) = (rows[0].split(' ').count(), rows.len());
-    let rows = rows.join("\n");
-    format!("ncols {nx}\nnrows {ny}\nxllcenter {x}\nyllcenter 2000\ncellsize {step}\n{rows}\n")
+    join::grid(x, 2000.0, step, rows)
 }
 
 #[test]

@@ -5,7 +5,7 @@ use super::{
     run::Outcome,
 };
 use crate::{
-    database::Database,
+    database::{Database, version_digits},
     evaluate::consistency::{ClientTally, percent},
     session::fidelity_to_wire,
 };
@@ -104,7 +104,7 @@ pub(in super::super) fn document(plan: &Plan, outcome: &Outcome, database: &Data
         })
         .collect();
     serde_json::json!({
-        "terrain_version": hex(&database.version()), "seed": plan.seed, "fidelity": fidelity_to_wire(plan.fidelity).0.as_str_name(),
+        "terrain_version": version_digits(&database.version()), "seed": plan.seed, "fidelity": fidelity_to_wire(plan.fidelity).0.as_str_name(),
         "sight_lines": outcome.scenario.lines.len(), "entities": outcome.scenario.entities.len(),
         "changes": changes(plan.changes), "servers": outcome.servers,
         "between_servers": {
@@ -121,8 +121,4 @@ pub(in super::super) fn document(plan: &Plan, outcome: &Outcome, database: &Data
 fn changes(changes: Changes) -> Vec<&'static str> {
     let all = [("budgets", changes.budgets), ("jumps", changes.jumps), ("lines", changes.lines)];
     all.into_iter().filter(|(_, wanted)| *wanted).map(|(name, _)| name).collect()
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }

@@ -74,6 +74,7 @@ pub(super) struct GeoTiff {
     nodata: Nodata,
     /// Metres per sample unit.
     sample_m: f64,
+    file_bytes: u64,
     /// Bytes that may be at hand.
     memory_bytes: u64,
     by_row: Option<ByRow>,
@@ -130,6 +131,7 @@ impl GeoTiff {
             layout,
             nodata,
             sample_m,
+            file_bytes,
             memory_bytes: 0,
             by_row: None,
             held: None,
@@ -239,8 +241,7 @@ impl Raster for GeoTiff {
     fn limit_memory(&mut self, bytes: usize) -> Result<(), DemError> {
         self.release();
         let ifd = self.handle.tiff().ifd(self.image).map_err(|e| malformed(&self.path, &e))?;
-        let file_bytes = std::fs::metadata(&self.path).map_err(|e| DemError::io(&self.path, &e))?.len();
-        self.memory_bytes = (bytes as u64).min(file_bytes.saturating_mul(2).saturating_add(FREE_BYTES));
+        self.memory_bytes = (bytes as u64).min(self.file_bytes.saturating_mul(2).saturating_add(FREE_BYTES));
         self.layout.use_whole_blocks();
         let coding = self.layout.coding(ifd, self.handle.tiff().byte_order(), bytes);
         let fits = self.layout.whole_bytes(threads()) <= self.memory_bytes;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Paint, Picture, Surface, View, palette};
+use super::{NO_DATA, Paint, Picture, Surface, View, palette};
 
 /// Colours and depths of all samples. Colours are 0 to 1.
 pub(super) struct Target {
@@ -178,10 +178,9 @@ struct Sample {
 fn colour(view: &View, paint: &Paint, setup: &Setup, corners: &Corners, sample: Sample) -> [f32; 3] {
     let Sample { bary, weights, p, is_void } = sample;
     let light = blend3(bary, corners.shade);
-    let mut out = palette::hypsometric((p.z - paint.low_m) / paint.span_m).map(|c| (f64::from(c) * light) as f32);
-    if is_void {
-        out = palette::NO_DATA.map(|c| (f64::from(c) * light) as f32);
-    } else if paint.muted {
+    let tint = if is_void { NO_DATA } else { palette::hypsometric((p.z - paint.low_m) / paint.span_m) };
+    let mut out = tint.map(|c| (f64::from(c) * light) as f32);
+    if paint.muted && !is_void {
         let grey = 0.3 * out[0] + 0.55 * out[1] + 0.15 * out[2];
         out = mix([0.45 + 0.5 * grey; 3], out, 0.12);
     }

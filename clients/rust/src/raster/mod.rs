@@ -18,6 +18,7 @@ mod voids;
 
 use glam::{DQuat, DVec3};
 
+pub use palette::NO_DATA;
 pub use picture::{EncodeError, Picture};
 pub use surface::Surface;
 pub use voids::Voids;

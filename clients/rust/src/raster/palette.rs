@@ -5,7 +5,7 @@ use glam::DVec3;
 /// The lower side of the terrain, seen when the eye is under the mesh.
 pub(super) const UNDERSIDE: [f32; 3] = [0.35, 0.05, 0.25];
 /// Ground without data.
-pub(super) const NO_DATA: [f32; 3] = [0.45, 0.62, 0.80];
+pub const NO_DATA: [f32; 3] = [0.45, 0.62, 0.80];
 /// Edges of triangles.
 pub(super) const WIRE: [f32; 3] = [0.05, 0.08, 0.12];
 /// Where a map shows no terrain.

@@ -49,9 +49,10 @@ impl Surface {
 
     /// Whether the ground at a place of the plan is filled in.
     pub(super) fn is_void(&self, x_m: f64, y_m: f64) -> bool {
-        let [low, high] = self.extent;
-        let fractions = [(x_m - low[0]) / (high[0] - low[0]), (y_m - low[1]) / (high[1] - low[1])];
-        self.voids.as_ref().is_some_and(|voids| voids.at(fractions))
+        self.voids.as_ref().is_some_and(|voids| {
+            let [low, high] = self.extent;
+            voids.at([(x_m - low[0]) / (high[0] - low[0]), (y_m - low[1]) / (high[1] - low[1])])
+        })
     }
 
     /// Least and greatest height in metres; both 0 without vertices.

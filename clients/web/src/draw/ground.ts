@@ -105,21 +105,21 @@ const FRAGMENT = /* glsl */ `
 
 const linear = (list: string[]) => list.map((hex) => new Color(hex)).map((c) => new Vector3(c.r, c.g, c.b));
 
-/** A viewshed as a texture: verdict numbers, and where its first post lies. */
-export interface Overlay {
+/** A byte a cell, row by row from the south: a texture to be. */
+interface Cells {
   readonly cells: Uint8Array<ArrayBuffer>;
-  readonly firstI: number;
-  readonly firstJ: number;
   readonly width: number;
   readonly height: number;
 }
 
-/** Whether there is data, at posts spread evenly from the first to the last: 255 where there is none. */
-export interface VoidMask {
-  readonly cells: Uint8Array<ArrayBuffer>;
-  readonly width: number;
-  readonly height: number;
+/** A viewshed: verdict numbers, and where its first post lies. */
+export interface Overlay extends Cells {
+  readonly firstI: number;
+  readonly firstJ: number;
 }
+
+/** Whether there is data, at posts spread evenly from the first to the last: 255 where there is none. */
+export type VoidMask = Cells;
 
 export class Ground {
   readonly drawn: Drawn<BufferGeometry, ShaderMaterial>;
@@ -177,34 +177,34 @@ export class Ground {
   }
 
   set voids(mask: VoidMask | undefined) {
-    (this.uniform("voids").value as DataTexture | null)?.dispose();
-    this.uniform("voids").value = null;
-    this.uniform("showsVoids").value = mask !== undefined;
+    this.show("voids", "showsVoids", mask);
     if (!mask) return;
-    const texture = new DataTexture(mask.cells, mask.width, mask.height, RedFormat, UnsignedByteType);
-    texture.minFilter = texture.magFilter = NearestFilter;
-    texture.unpackAlignment = 1;
-    texture.needsUpdate = true;
-    this.uniform("voids").value = texture;
     // The middles of the outer texels are the outer posts, and the local frame's origin is the middle of all.
     const { east, north } = this.space;
     this.uniform("voidsScale").value = new Vector2((mask.width - 1) / (mask.width * east), (mask.height - 1) / (mask.height * north));
   }
 
   set overlay(overlay: Overlay | undefined) {
-    (this.uniform("viewshed").value as DataTexture | null)?.dispose();
-    this.uniform("viewshed").value = null;
-    this.uniform("showsViewshed").value = overlay !== undefined;
+    this.show("viewshed", "showsViewshed", overlay);
     if (!overlay) return;
-    const texture = new DataTexture(overlay.cells, overlay.width, overlay.height, RedFormat, UnsignedByteType);
-    texture.minFilter = texture.magFilter = NearestFilter;
-    texture.unpackAlignment = 1;
-    texture.needsUpdate = true;
     const { scale } = this.space;
     // The texel of a post has the post in its middle.
     const first = this.space.localFromGrid({ x: overlay.firstI - 0.5, y: overlay.firstJ - 0.5, z: 0 });
-    this.uniform("viewshed").value = texture;
     this.uniform("viewshedAt").value = new Vector4(first.x, first.y, 1 / (overlay.width * scale.x), 1 / (overlay.height * scale.y));
+  }
+
+  /** Puts a byte a cell into a texture in place of the one before, or nothing. */
+  private show(name: string, isShown: string, cells: Cells | undefined): void {
+    const slot = this.uniform(name);
+    (slot.value as DataTexture | null)?.dispose();
+    slot.value = null;
+    this.uniform(isShown).value = cells !== undefined;
+    if (!cells) return;
+    const texture = new DataTexture(cells.cells, cells.width, cells.height, RedFormat, UnsignedByteType);
+    texture.minFilter = texture.magFilter = NearestFilter;
+    texture.unpackAlignment = 1;
+    texture.needsUpdate = true;
+    slot.value = texture;
   }
 
   /** Takes the triangles of a mesh. `errorAt` gives a triangle's error in metres, by the middle of its base. */
