@@ -51,6 +51,9 @@ pub(super) struct Args {
     /// Memory for pages of the database in MiB; what does not fit is read again when it is needed [default: 256].
     #[arg(long, value_name = "MIB")]
     page_cache: Option<u32>,
+    /// Read pages ahead of views that move, for where they will be in so many seconds; 0 does not [default: 0.25].
+    #[arg(long, value_name = "S")]
+    read_ahead: Option<f64>,
     /// Print all settings as they are, in the form of such a file, and stop.
     #[arg(long)]
     print_config: bool,
@@ -76,6 +79,10 @@ impl Args {
         }
         config.record_limit_mib = self.record_limit.unwrap_or(config.record_limit_mib);
         config.page_cache_mib = self.page_cache.unwrap_or(config.page_cache_mib);
+        if let Some(seconds) = self.read_ahead {
+            config.read_ahead_s = seconds;
+            config.check().map_err(|error| Failure::Usage(format!("--read-ahead: {error}")))?;
+        }
         Ok(config)
     }
 
@@ -166,7 +173,8 @@ fn options(config: &Config) -> Result<Options, Failure> {
     };
     let draining_time = std::time::Duration::from_secs_f64(config.draining_s);
     let (limits, origins) = (config.limits, config.access.origins.clone());
-    Ok(Options { limits, tokens, tls, draining_time, origins, ..Options::default() })
+    let read_ahead = std::time::Duration::from_secs_f64(config.read_ahead_s);
+    Ok(Options { limits, tokens, tls, draining_time, read_ahead, origins, ..Options::default() })
 }
 
 /// Opens the listening socket, and says what address it has.

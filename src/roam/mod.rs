@@ -9,6 +9,7 @@
 #[cfg(test)]
 mod guarantees;
 mod options;
+mod preview;
 mod queues;
 mod reader;
 mod requirements;
@@ -24,6 +25,7 @@ use crate::{
 };
 
 pub use options::{MAX_REGIONS, Options, Region, Regions, RegionsError};
+pub use preview::Preview;
 pub use queues::Work;
 pub use requirements::{Fidelity, RequiredLine};
 pub use view_mesh::{MeshReport, ViewMesh};

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
 use sightline_proto::diamond::Post;
 
 use super::Terrain;
@@ -38,6 +39,14 @@ impl<T: Terrain> Reader<T> {
 
     pub(super) fn scale(&self) -> SceneScale {
         self.scale
+    }
+
+    /// Thickness, centre and radius in metres in the scene frame of what bounds the diamond at `p`, whose height and bounds
+    /// are given.
+    #[inline]
+    pub(super) fn ball(&self, p: Post, z: f64, nested: f32, radius_m: f32) -> (f64, DVec3, f64) {
+        let at = DVec3::new(f64::from(p.i), f64::from(p.j), z);
+        (f64::from(nested) * self.scale.up_m, self.scale.scene_from_grid(at), f64::from(radius_m))
     }
 
     /// The drawn height of a post of the root square and the bounds of its diamond.

@@ -9,7 +9,7 @@ use sightline_proto::{
 };
 
 use super::{
-    MeshError, Options, RequiredLine, Target, Terrain, Work,
+    MeshError, Options, Preview, RequiredLine, Target, Terrain, Work,
     queues::{Allowance, DualQueue},
     requirements::{Outcome, Requirements},
 };
@@ -107,6 +107,15 @@ impl<T: Terrain> ViewMesh<T> {
         (self.report.added, self.report.removed) = self.queue.take_changes();
         self.report.work = self.queue.work;
         Ok(self.report.clone())
+    }
+
+    /// A look at what another camera would need, with this mesh's options, down to the priority at which this mesh ends.
+    pub fn preview(&self, camera: Camera) -> Preview<T> {
+        let (terrain, regions) = (Arc::clone(self.terrain()), self.options.regions.clone());
+        // A mesh looks at one and a half posts for each of its triangles. For another camera it may be more: let it be twice
+        // that.
+        let posts = 3 * self.queue.triangles() as usize;
+        Preview::new(terrain, self.scale(), camera, regions, self.queue.end(), posts)
     }
 
     /// How many posts are held in memory: the active ones and those that could be split next.

@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::{Limits, origins};
+use super::{Limits, MAX_READ_AHEAD_S, origins};
 
 /// Beginning of the environment variables that are settings.
 pub const ENVIRONMENT_PREFIX: &str = "SIGHTLINE__";
@@ -29,6 +29,8 @@ pub struct Config {
     pub record_limit_mib: u32,
     /// Memory for pages of the database in MiB. What does not fit is read again when it is needed.
     pub page_cache_mib: u32,
+    /// Seconds by which pages are read ahead of views that move, at most 10; 0: not at all.
+    pub read_ahead_s: f64,
     /// Layout of the log: `text` or `json`.
     pub log: LogLayout,
     /// Certificates.
@@ -81,6 +83,7 @@ impl Default for Config {
             record: String::new(),
             record_limit_mib: 1_024,
             page_cache_mib: 256,
+            read_ahead_s: 0.25,
             log: LogLayout::default(),
             tls: TlsFiles::default(),
             access: AccessFiles::default(),
@@ -113,6 +116,9 @@ impl Config {
         origins::check(&self.access.origins)?;
         if !(0.0..=3_600.0).contains(&self.draining_s) {
             return Err(format!("draining_s is {}; it must be from 0 to 3600", self.draining_s));
+        }
+        if !(0.0..=MAX_READ_AHEAD_S).contains(&self.read_ahead_s) {
+            return Err(format!("read_ahead_s is {}; it must be from 0 to {MAX_READ_AHEAD_S}", self.read_ahead_s));
         }
         if self.record_limit_mib == 0 {
             return Err("record_limit_mib is 0: nothing could be recorded; an empty `record` records nothing".into());
@@ -194,6 +200,7 @@ mod tests {
             ("[tls]\nkey = \"k\"\n", &[], "belong together"),
             ("[tls]\nclient_authorities = \"k\"\n", &[], "needs tls.certificate"),
             ("record_limit_mib = 0\n", &[], "record_limit_mib"),
+            ("read_ahead_s = -0.1\n", &[], "read_ahead_s is -0.1; it must be from 0 to 10"),
             ("log = \"xml\"\n", &[], "xml"),
             ("[access]\norigins = [\"https://a.example/\"]\n", &[], "access.origins"),
         ] {

@@ -23,6 +23,7 @@ mod lines_of_sight;
 mod operation;
 mod origins;
 mod pages;
+mod read_ahead;
 mod scenes;
 mod serve;
 mod status;
@@ -51,6 +52,7 @@ pub use access::{MAX_TOKENS, MIN_SECRET_BYTES, Role, Token, Tokens};
 pub use clock::Clock;
 pub use health::MAX_QUEUE_AGE;
 pub use limits::Limits;
+pub use read_ahead::{Ahead, Lookout, MAX_READ_AHEAD_S, ReadAhead};
 pub use serve::{Options, Recording, ServeError, Tls, serve, serve_with};
 
 use self::{
@@ -104,6 +106,8 @@ pub const MAX_VIEWS: usize = 1_000;
 const OPENING_TIME: Duration = Duration::from_secs(10);
 /// How long calls under way may take to end once the server is told to stop.
 const DRAINING_TIME: Duration = Duration::from_secs(5);
+/// By how much pages are read ahead of views that move, unless a server is told otherwise.
+const READ_AHEAD_TIME: Duration = Duration::from_millis(250);
 /// A connection without a sign of life is asked for one after this time, and closed after as long again.
 const KEEPALIVE_TIME: Duration = Duration::from_secs(15);
 
@@ -114,6 +118,11 @@ pub trait ServedTerrain: Terrain + 'static {
 
     /// What clients are told of it beside that.
     fn details(&self) -> Result<Details, ReadError>;
+
+    /// Pages read since it was opened; `None` where all of it is in memory, so that there is nothing to read ahead.
+    fn pages_read(&self) -> Option<u64> {
+        None
+    }
 }
 
 impl ServedTerrain for Database {
@@ -128,6 +137,10 @@ impl ServedTerrain for Database {
             height_range: [manifest.lowest, manifest.highest].map(f64::from),
             void_posts: manifest.void_posts,
         })
+    }
+
+    fn pages_read(&self) -> Option<u64> {
+        Some(self.reads().pages)
     }
 }
 
@@ -174,6 +187,8 @@ struct Shared<T> {
     changes: watch::Sender<u64>,
     /// Work off the network threads.
     turns: Turns,
+    /// Reads ahead of views that move, if somebody does.
+    read_ahead: Option<ReadAhead<T>>,
     /// Permits for streams of answers.
     answering: Arc<Semaphore>,
     limits: Limits,
@@ -191,18 +206,14 @@ struct Shared<T> {
 }
 
 impl<T: ServedTerrain> Shared<T> {
-    fn new(
-        terrain: Arc<T>,
-        limits: Limits,
-        tokens: Option<Tokens>,
-        store: Box<dyn ExerciseStore>,
-        recording: Option<Recording>,
-        clock: Clock,
-        stopping: watch::Receiver<bool>,
-    ) -> Result<Self, ServeError> {
+    fn new(terrain: Arc<T>, options: Options, stopping: watch::Receiver<bool>) -> Result<Self, ServeError> {
+        let Options { limits, tokens, store, recording, read_ahead, clock, .. } = options;
         let (site, details) = (terrain.site(), terrain.details()?);
         let description = describe(&*terrain, &site, &details)?;
         let journal = recording.map(|recording| Arc::new(recording.begin(&details.version, &*store)));
+        let turns = Turns::new(rayon::current_num_threads()).map_err(ServeError::Threads)?;
+        let is_read_ahead = !read_ahead.is_zero() && terrain.pages_read().is_some();
+        let read_ahead = is_read_ahead.then(|| ReadAhead::start(Arc::clone(&terrain), read_ahead, turns.watch()));
         Ok(Self {
             terrain,
             site,
@@ -211,7 +222,8 @@ impl<T: ServedTerrain> Shared<T> {
             journal,
             changing: Mutex::new(()),
             changes: watch::Sender::new(0),
-            turns: Turns::new(rayon::current_num_threads()).map_err(ServeError::Threads)?,
+            turns,
+            read_ahead: read_ahead.transpose().map_err(ServeError::Threads)?,
             answering: Arc::new(Semaphore::new(MAX_ANSWERING)),
             limits,
             accounts: Accounts::new(limits),
@@ -268,6 +280,8 @@ impl<T: ServedTerrain> Shared<T> {
             is_serving: self.troubles().is_empty(),
             recording: self.journal.as_ref().map(|journal| journal.state()),
             bytes_under_way: self.accounts.bytes(),
+            pages_read: self.terrain.pages_read().unwrap_or(0),
+            ahead: self.read_ahead.as_ref().map(ReadAhead::done).unwrap_or_default(),
         }
     }
 }

@@ -22,8 +22,8 @@ use tonic_health::{ServingStatus, server::HealthReporter};
 use tonic_web::GrpcWebLayer;
 
 use super::{
-    Clock, DRAINING_TIME, KEEPALIVE_TIME, Limits, SERVICE_NAMES, ServedTerrain, Service, Shared, Tokens, admission,
-    connections, health::LOOKING_TIME, leases, origins, pages, stopped, viewer,
+    Clock, DRAINING_TIME, KEEPALIVE_TIME, Limits, READ_AHEAD_TIME, SERVICE_NAMES, ServedTerrain, Service, Shared,
+    Tokens, admission, connections, health::LOOKING_TIME, leases, origins, pages, stopped, viewer,
 };
 use crate::{
     session::journal::{Journal, JournalEnd},
@@ -86,6 +86,8 @@ pub struct Options {
     pub recording: Option<Recording>,
     /// How long calls under way may take to end once the server is told to stop.
     pub draining_time: Duration,
+    /// By how much pages are read ahead of views that move; not at all if it is nothing.
+    pub read_ahead: Duration,
     /// By which leases run out.
     pub clock: Clock,
     /// Other origins whose pages may call, such as `https://viewer.example`; `*`: all.
@@ -101,6 +103,7 @@ impl Default for Options {
             store: Box::<MemoryStore>::default(),
             recording: None,
             draining_time: DRAINING_TIME,
+            read_ahead: READ_AHEAD_TIME,
             clock: Clock::default(),
             origins: Vec::new(),
         }
@@ -117,7 +120,7 @@ pub enum ServeError {
     #[error("the listening socket: {0}")]
     Listener(#[from] io::Error),
     /// The threads that compute.
-    #[error("starting a thread that computes: {0}; the system's limit of threads or memory may be reached")]
+    #[error("starting a thread that computes or reads: {0}; the system's limit of threads or memory may be reached")]
     Threads(io::Error),
     /// The transport.
     #[error("the server's transport: {0}")]
@@ -147,14 +150,14 @@ pub async fn serve<T: ServedTerrain>(
 pub async fn serve_with<T: ServedTerrain>(
     listener: TcpListener,
     terrain: Arc<T>,
-    options: Options,
+    mut options: Options,
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let Options { limits, tokens, tls, store, recording, draining_time, clock, origins } = options;
+    let (tls, origins) = (options.tls.take(), std::mem::take(&mut options.origins));
+    let (limits, draining_time) = (options.limits, options.draining_time);
     let (stop, stopping) = watch::channel(false);
     let heard = stopping.clone();
-    let made = move || Shared::new(terrain, limits, tokens, store, recording, clock, heard);
-    let shared = tokio::task::spawn_blocking(made);
+    let shared = tokio::task::spawn_blocking(move || Shared::new(terrain, options, heard));
     let shared = Arc::new(shared.await.map_err(|error| io::Error::other(error.to_string()))??);
     let (reporter, routes) = routes(&shared, &origins)?;
     // Told before anybody can ask.

@@ -19,6 +19,7 @@ use prometheus_client::{
 };
 use sightline_proto::{predicates::exact_signs, v1};
 
+use super::Ahead;
 use crate::session::journal::JournalState;
 
 /// Upper ends of the classes of times in seconds: a third of a decade each.
@@ -94,6 +95,10 @@ pub(super) struct Metrics {
     recording: Gauge,
     recorded: Gauge,
     under_way: Gauge,
+    pages_read: Counter,
+    looks: Counter,
+    looks_dropped: Counter,
+    looking: Counter<f64, AtomicU64>,
     /// Connections now.
     pub(super) connections: Gauge<i64, AtomicI64>,
     /// Bytes over all connections.
@@ -126,6 +131,9 @@ pub(super) struct Moment {
     pub(super) recording: Option<JournalState>,
     /// Of requests.
     pub(super) bytes_under_way: u64,
+    /// Of the terrain.
+    pub(super) pages_read: u64,
+    pub(super) ahead: Ahead,
 }
 
 impl Metrics {
@@ -157,6 +165,10 @@ impl Metrics {
             recording: Gauge::default(),
             recorded: Gauge::default(),
             under_way: Gauge::default(),
+            pages_read: Counter::default(),
+            looks: Counter::default(),
+            looks_dropped: Counter::default(),
+            looking: Counter::default(),
             connections: Gauge::default(),
             received: Counter::default(),
             sent: Counter::default(),
@@ -196,6 +208,10 @@ impl Metrics {
         r.register("recording", "1 while what happens to views is recorded", self.recording.clone());
         r.register_with_unit("recorded", "Bytes recorded", Unit::Bytes, self.recorded.clone());
         r.register_with_unit("under_way", "Bytes of requests under way", Unit::Bytes, self.under_way.clone());
+        r.register("pages_read", "Pages of the database read", self.pages_read.clone());
+        r.register("looks_ahead", "Guesses of where a view will be that were read for", self.looks.clone());
+        r.register("looks_ahead_dropped", "Such guesses that became too old", self.looks_dropped.clone());
+        r.register_with_unit("looking_ahead", "Time that reading ahead took", Unit::Seconds, self.looking.clone());
         r.register("connections", "Open connections", self.connections.clone());
         r.register("silent_connections", "Connections ended for saying nothing", self.silent_connections.clone());
         r.register_with_unit("received", "Bytes received", Unit::Bytes, self.received.clone());
@@ -267,6 +283,10 @@ impl Metrics {
         gauge(&self.recording, recording.is_some_and(|state| state.ended.is_none()).into());
         gauge(&self.recorded, recording.map_or(0, |state| state.bytes));
         gauge(&self.under_way, now.bytes_under_way);
+        self.pages_read.inner().store(now.pages_read, Ordering::Relaxed);
+        self.looks.inner().store(now.ahead.looks, Ordering::Relaxed);
+        self.looks_dropped.inner().store(now.ahead.dropped, Ordering::Relaxed);
+        self.looking.inner().store(now.ahead.took.as_secs_f64().to_bits(), Ordering::Relaxed);
         self.queue_age.set(now.queue_age.as_secs_f64());
         self.exact.set(exact_signs());
         let mut page = String::new();

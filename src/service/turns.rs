@@ -113,6 +113,12 @@ impl Turns {
         (oldest.unwrap_or_default(), queue.waiting.len())
     }
 
+    /// Tells whether work waits.
+    pub(super) fn watch(&self) -> impl Fn() -> bool + Send + use<> {
+        let desk = Arc::clone(&self.0);
+        move || !desk.queue().waiting.is_empty()
+    }
+
     fn wait(&self, work: Box<dyn FnOnce() + Send>) -> Place<'_> {
         let mut queue = self.0.queue();
         let number = queue.next;

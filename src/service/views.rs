@@ -16,10 +16,10 @@ use tonic::Status;
 use tracing::Instrument;
 
 use super::{
-    ServedTerrain, Shared, access::Caller, admission::explained, followed::Followed, leases::Hold, limits::Seat,
-    status::IntoStatus, stopped,
+    Lookout, ServedTerrain, Shared, access::Caller, admission::explained, followed::Followed, leases::Hold,
+    limits::Seat, read_ahead::ReadAhead, status::IntoStatus, stopped,
 };
-use crate::session::{Event, Pacer, Pose, Settings, SettingsError, View, journal::Tape};
+use crate::session::{Course, Event, Pacer, Pose, Settings, SettingsError, View, journal::Tape};
 
 /// Messages of a client that are taken in a row before a frame gets its turn.
 const MAX_MESSAGES_IN_A_ROW: u32 = 64;
@@ -44,6 +44,7 @@ pub(super) async fn open<T: ServedTerrain>(
     let changes = shared.changes.subscribe();
     let (inner, exercise) = (Arc::clone(shared), open.exercise.clone());
     let Beginning { view, followed, hold, tape } = shared.run(move || make(&inner, &open)).await??;
+    let (course, lookout) = (Course::new(0.0, *view.pose()), shared.read_ahead.as_ref().map(ReadAhead::lookout));
     let opened = v1::ViewOpened { terrain: Some(shared.description.clone()) };
     let _ = outbox.try_send(Ok(word(Word::Opened(opened))));
     let task = ViewTask {
@@ -57,6 +58,8 @@ pub(super) async fn open<T: ServedTerrain>(
         seat,
         _hold: hold,
         pacer,
+        course,
+        lookout,
         began: Instant::now(),
         due_since_ms: None,
         unsatisfied: 0,
@@ -131,7 +134,11 @@ struct ViewTask<T: ServedTerrain> {
     /// Of the lease that lasts while the view is open.
     _hold: Option<Hold>,
     pacer: Pacer,
-    /// From here the pacer counts.
+    /// Where it has been.
+    course: Course,
+    /// From where its pages are read ahead, if they are.
+    lookout: Option<Lookout<T>>,
+    /// From here the pacer and the course count.
     began: Instant,
     /// When the frame that waits became due.
     due_since_ms: Option<f64>,
@@ -216,7 +223,12 @@ impl<T: ServedTerrain> ViewTask<T> {
                 self.seat.resize(budget(steer.settings.as_ref()))?;
             }
         }
+        let moves = matches!(&event, Event::Steer(steer) if steer.pose.is_some());
         self.tell(event)?;
+        if let Some(view) = self.view.as_ref().filter(|_| moves) {
+            let pose = *view.pose();
+            self.course.steer(self.now_ms(), pose);
+        }
         if let (Some(tape), Some(message)) = (&mut self.tape, kept) {
             tape.hear(&message);
         }
@@ -256,6 +268,9 @@ impl<T: ServedTerrain> ViewTask<T> {
         };
         let (view, tape, words, took) = self.shared.run(work).await?;
         let refined = view.work();
+        if let Some(lookout) = &self.lookout {
+            lookout.tell(|| view.preview(&self.course.ahead(1e3 * lookout.time().as_secs_f64())?));
+        }
         (self.view, self.tape) = (Some(view), tape);
         let words = words.map_err(IntoStatus::into_status)?;
         for word in &words {

@@ -4,6 +4,7 @@
 //! [`MAX_UNACKNOWLEDGED`] are unacknowledged, [`View::produce`] makes it from that state, as a change against the last
 //! frame sent. So a slow client never makes a queue; it gets fewer frames, each of the newest state.
 
+mod course;
 mod describe;
 mod frame_time;
 pub mod journal;
@@ -29,6 +30,7 @@ use sightline_proto::{
 };
 use thiserror::Error;
 
+pub use course::Course;
 pub use describe::{Details, describe};
 pub use frame_time::FrameTime;
 pub use pace::{MAX_RATE_HZ, MIN_BYTES_PER_S, Pacer};
@@ -38,7 +40,7 @@ pub use verdicts::VerdictWatch;
 use crate::{
     exercise::{EYE_LINE_ID, Exercise, LineState},
     los::{LosError, Verdict},
-    roam::{Fidelity, MeshError, RequiredLine, Target, Terrain, ViewMesh, Work},
+    roam::{Fidelity, MeshError, Preview, RequiredLine, Target, Terrain, ViewMesh, Work},
     terrain::{ReadError, SceneScale},
     view::Camera,
 };
@@ -277,6 +279,16 @@ impl<T: Terrain> View<T> {
     /// What making the last frame took.
     pub fn work(&self) -> Work {
         self.work
+    }
+
+    /// The pose that it was told last.
+    pub fn pose(&self) -> &Pose {
+        &self.wanted.pose
+    }
+
+    /// A look at what the next frame would read from another pose, lines of sight apart; `None` where no camera can be.
+    pub fn preview(&self, pose: &Pose) -> Option<Preview<T>> {
+        Some(self.mesh.preview(self.wanted.settings.camera(pose).ok()?))
     }
 
     /// The mesh of the last frame.

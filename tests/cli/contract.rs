@@ -33,7 +33,7 @@ const VERBS: [(&str, &str, &str); 18] = [
         "-o --triangles --pixels --error --eye --look --fov --viewport --lines --fidelity --coords --altitude --force",
     ),
     ("fly", "<DB>", "--flight --frames --triangles --pixels --algorithm --plot -o --seed --force"),
-    ("serve", "[DB]", "--listen --config --state --record --record-limit --page-cache --print-config"),
+    ("serve", "[DB]", "--listen --config --state --record --record-limit --page-cache --read-ahead --print-config"),
     ("status", "<ADDR>", ""),
     ("replay", "<F>", "--db"),
     ("load", "<ADDR>", "--views --triangles --rate --seconds --los --sight-lines --seed"),

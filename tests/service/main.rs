@@ -6,6 +6,7 @@ mod faults;
 mod leases;
 mod lines;
 mod port;
+mod read_ahead;
 mod recording;
 mod resume;
 mod slow;
@@ -99,6 +100,10 @@ impl ServedTerrain for TestTerrain {
 
     fn details(&self) -> Result<Details, ReadError> {
         Ok(Details { version: vec![7; 16], height_range: [-900.0, 900.0], void_posts: 0 })
+    }
+
+    fn pages_read(&self) -> Option<u64> {
+        Some(self.reads.load(Ordering::Relaxed))
     }
 }
 

@@ -146,18 +146,18 @@ impl<T: Terrain> DualQueue<T> {
 
     /// Thickness, centre and radius of a post's ball in metres in the scene frame.
     fn ball(&self, node: &Node) -> (f64, DVec3, f64) {
-        let at = DVec3::new(f64::from(node.post.i), f64::from(node.post.j), node.z);
-        (
-            f64::from(node.nested) * self.reader.scale().up_m,
-            self.reader.scale().scene_from_grid(at),
-            f64::from(node.radius_m),
-        )
+        self.reader.ball(node.post, node.z, node.nested, node.radius_m)
     }
 
     pub(super) fn priority(&self, node: &Node, inside: Planes) -> (f64, Planes) {
         let (thickness_m, centre, radius_m) = self.ball(node);
         let (priority, inside) = self.camera.priority_within(inside, thickness_m, centre, radius_m);
         (priority * self.options.regions.weight(centre, radius_m), inside)
+    }
+
+    /// The priority at which the mesh of the last update ends: what is ready has no higher one.
+    pub(in crate::roam) fn end(&self) -> f64 {
+        self.cut
     }
 
     /// Ends an update: draws the guards up to where the mesh ends, for the next one.
