@@ -110,6 +110,13 @@ fn settings_come_from_flags_then_the_environment_then_the_file() {
             assert!(text.lines().any(|found| found == line), "{line} in {text}");
         }
     }
+    let ahead = String::from_utf8(print(&["--read-ahead", "0.5"]).stdout).unwrap();
+    assert!(ahead.lines().any(|line| line == "read_ahead_s = 0.5"), "{ahead}");
+    for seconds in ["11", "nan"] {
+        let output = print(&["--read-ahead", seconds]);
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && words.contains("must be from 0 to 10"), "{words}");
+    }
     fs::write(&file, "[limits]\nveiws = 7\n").unwrap();
     let output = print(&[]);
     assert_eq!(output.status.code(), Some(3));
