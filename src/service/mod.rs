@@ -2,8 +2,8 @@
 //! with sockets beside `cli`.
 //!
 //! A call passes `connections` (counted), `admission` (its id, its caller's rights and rate), then its service.
-//! Network threads only pass messages on: what computes or reads runs on threads of its own, in `turns`, and many lines at
-//! once on rayon's pool. A view is one task that owns one
+//! Network threads only pass messages on: what computes or reads runs on threads of its own, in `turns`, many lines at
+//! once on rayon's pool, and what views will need is read on one more, in `read_ahead`. A view is one task that owns one
 //! [`crate::session::View`] and hands frames over one at a time, so a slow client holds one frame and no queue.
 //! Nothing here decides anything about terrain, exercises or meshes.
 

@@ -42,18 +42,18 @@ pub struct Ahead {
 /// The thread that reads ahead. It ends when this and all [`Lookout`]s are dropped.
 pub struct ReadAhead<T> {
     desk: Arc<Desk<T>>,
-    time: Duration,
 }
 
 /// The place of one view.
 pub struct Lookout<T> {
     desk: Arc<Desk<T>>,
     number: u64,
-    time: Duration,
 }
 
 /// Where guesses are left and taken.
 struct Desk<T> {
+    /// How far ahead guesses are.
+    time: Duration,
     guesses: Mutex<Guesses<T>>,
     /// Told when there is a guess, or no more will come.
     news: Condvar,
@@ -99,10 +99,10 @@ impl<T> Desk<T> {
         }
     }
 
-    /// Lets a view rest: for as long as it is ahead of it by half, or twice as long as before where nothing was read.
-    fn rest(&self, number: u64, has_read: bool, time: Duration) {
+    /// Lets a view rest: for half the time that guesses are ahead, or twice as long as before where nothing was read.
+    fn rest(&self, number: u64, has_read: bool) {
         if let Some(place) = self.guesses().places.get_mut(&number) {
-            place.rest = if has_read { time / 2 } else { (place.rest * 2).min(time * 2) };
+            place.rest = if has_read { self.time / 2 } else { (place.rest * 2).min(self.time * 2) };
             place.free = Instant::now() + place.rest;
         }
     }
@@ -121,6 +121,7 @@ impl<T: ServedTerrain> ReadAhead<T> {
     pub fn start(terrain: Arc<T>, time: Duration, is_busy: impl Fn() -> bool + Send + 'static) -> io::Result<Self> {
         let guesses = Guesses { next: 0, places: BTreeMap::new(), handles: 1 };
         let desk = Arc::new(Desk {
+            time,
             guesses: Mutex::new(guesses),
             news: Condvar::new(),
             looks: AtomicU64::new(0),
@@ -138,11 +139,11 @@ impl<T: ServedTerrain> ReadAhead<T> {
                 count.fetch_add(1, Ordering::Relaxed);
                 own.took_us.fetch_add(began.elapsed().as_micros() as u64, Ordering::Relaxed);
                 // Others may have read meanwhile: then it looks once more than it must.
-                own.rest(number, terrain.pages_read() != before, time);
+                own.rest(number, terrain.pages_read() != before);
             }
         };
         thread::Builder::new().name("read-ahead".into()).spawn(work)?;
-        Ok(Self { desk, time })
+        Ok(Self { desk })
     }
 
     /// A place for a view.
@@ -151,9 +152,9 @@ impl<T: ServedTerrain> ReadAhead<T> {
         let number = guesses.next;
         guesses.next += 1;
         guesses.handles += 1;
-        guesses.places.insert(number, Place { guess: None, free: Instant::now(), rest: self.time / 2 });
+        guesses.places.insert(number, Place { guess: None, free: Instant::now(), rest: self.desk.time / 2 });
         drop(guesses);
-        Lookout { desk: Arc::clone(&self.desk), number, time: self.time }
+        Lookout { desk: Arc::clone(&self.desk), number }
     }
 
     /// What it did so far.
@@ -167,7 +168,7 @@ impl<T: ServedTerrain> ReadAhead<T> {
 impl<T> Lookout<T> {
     /// How far ahead a guess should be.
     pub fn time(&self) -> Duration {
-        self.time
+        self.desk.time
     }
 
     /// Leaves a guess in place of the one before, unless the view rests.

@@ -210,7 +210,11 @@ impl Metrics {
         r.register_with_unit("under_way", "Bytes of requests under way", Unit::Bytes, self.under_way.clone());
         r.register("pages_read", "Pages of the database read", self.pages_read.clone());
         r.register("looks_ahead", "Guesses of where a view will be that were read for", self.looks.clone());
-        r.register("looks_ahead_dropped", "Such guesses that became too old", self.looks_dropped.clone());
+        r.register(
+            "looks_ahead_dropped",
+            "Such guesses that became too old, or met what cannot be read",
+            self.looks_dropped.clone(),
+        );
         r.register_with_unit("looking_ahead", "Time that reading ahead took", Unit::Seconds, self.looking.clone());
         r.register("connections", "Open connections", self.connections.clone());
         r.register("silent_connections", "Connections ended for saying nothing", self.silent_connections.clone());
