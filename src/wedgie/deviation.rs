@@ -1,7 +1,7 @@
 //! The tight thickness of a diamond: the greatest deviation of a post of the grid from its triangles.
 //!
-//! **Small diamonds** ([`scan`]): all posts, row by row. A triangle's closed area is cut out of the grid by bounds on i,
-//! j, i - j and i + j, because its edges run along these directions only.
+//! **Small diamonds** ([`scan`], and [`super::abreast`] inside the grid): all posts, row by row. A triangle's closed area is
+//! cut out of the grid by bounds on i, j, i - j and i + j, because its edges run along these directions only.
 //!
 //! **Large diamonds** ([`search`]): few posts. Below a triangle T lie the triangles T' that descend from it. Over T' the
 //! finest surface strays from the plane of T by at most what it strays from the plane of T', which is no more than the
@@ -69,8 +69,6 @@ fn exponents(samples: &Samples) -> (i32, i32) {
     }
 }
 
-/// Rows of fewer posts are not worth lanes.
-const SHORT_RUN: usize = 8;
 /// Half a unit in the last place of 1.
 const EPSILON: f64 = 0.5 * f64::EPSILON;
 
@@ -78,15 +76,7 @@ const EPSILON: f64 = 0.5 * f64::EPSILON;
 ///
 /// `exact` is what [`arithmetic_is_exact`] says of the field.
 pub(super) fn scan(band: &Band, exact: bool, p: Post) -> f32 {
-    let (grid, mut found) = (band.grid(), Found::default());
-    if (p.i | p.j).trailing_zeros() == 1 && p.i >= 2 && p.j >= 2 && p.i + 2 < grid.nx() && p.j + 2 < grid.ny() {
-        let west = p.i as usize - 2;
-        let rows = [p.j - 2, p.j - 1, p.j, p.j + 1, p.j + 2].map(|j| band.row(j)[west..].first_chunk());
-        if let [Some(far_south), Some(south), Some(row), Some(north), Some(far_north)] = rows {
-            found.five_by_five([far_south, south, row, north, far_north], p, exact);
-            return found.bound(exact);
-        }
-    }
+    let mut found = Found::default();
     for triangle in band.grid().root().triangles(p) {
         let z = [triangle.apex, triangle.e0, triangle.e1].map(|corner| band.height(corner));
         found.meet(z);
@@ -136,59 +126,6 @@ impl Found {
         self.magnitude = corners.into_iter().fold(self.magnitude, |most, z| most.max(z.abs()));
     }
 
-    /// Takes in all posts of a diamond of half-length 2 inside the grid, centred at `p` amid `rows`: three quarters of
-    /// all diamonds that are stored. A triangle's plane is halfway between two of its points halfway between them.
-    #[inline]
-    fn five_by_five(&mut self, rows: [&[f64; 5]; 5], p: Post, exact: bool) {
-        let half = |a: f64, b: f64| 0.5 * a + 0.5 * b;
-        let mut most = self.greatest;
-        let mut stray = |z: f64, plane: f64| {
-            let d = (z - plane).abs();
-            most = if d > most { d } else { most };
-        };
-        let is_tilted = p.i / 2 % 2 != p.j / 2 % 2;
-        let corners = if is_tilted {
-            // By their place along the base and across it, whichever way it runs.
-            let [south, below, row, above, north] =
-                if p.i / 2 % 2 == 1 { rows.map(|row| *row) } else { transposed(rows) };
-            let middle = half(row[0], row[4]);
-            stray(row[1], half(row[0], middle));
-            stray(row[2], middle);
-            stray(row[3], half(middle, row[4]));
-            for (apex, beside) in [(south[2], below), (north[2], above)] {
-                stray(beside[1], half(row[0], apex));
-                stray(beside[2], half(middle, apex));
-                stray(beside[3], half(row[4], apex));
-            }
-            [row[0], row[4], south[2], north[2]]
-        } else {
-            // Where the base falls, seen in a mirror, so that it rises.
-            let rises = (p.i / 4 + p.j / 4).is_multiple_of(2);
-            let z = if rises { rows.map(|row| *row) } else { rows.map(|&[a, b, c, d, e]| [e, d, c, b, a]) };
-            let middle = half(z[0][0], z[4][4]);
-            stray(z[1][1], half(z[0][0], middle));
-            stray(z[2][2], middle);
-            stray(z[3][3], half(middle, z[4][4]));
-            for (apex, z) in [(z[4][0], z), (z[0][4], transposed(z.each_ref()))] {
-                let (near, far) = (half(z[0][0], apex), half(apex, z[4][4]));
-                stray(z[1][0], half(z[0][0], near));
-                stray(z[2][0], near);
-                stray(z[3][0], half(near, apex));
-                stray(z[4][1], half(apex, far));
-                stray(z[4][2], far);
-                stray(z[4][3], half(far, z[4][4]));
-                stray(z[2][1], half(near, middle));
-                stray(z[3][1], half(middle, apex));
-                stray(z[3][2], half(middle, far));
-            }
-            [z[0][0], z[4][4], z[4][0], z[0][4]]
-        };
-        self.greatest = most;
-        if !exact {
-            self.meet(corners);
-        }
-    }
-
     /// What is sure of the greatest deviation.
     ///
     /// With e = 2^-53 and Z the greatest height of a corner in magnitude. A scanned plane: its slopes are off by at
@@ -206,12 +143,6 @@ impl Found {
             f64::INFINITY
         })
     }
-}
-
-/// Columns as rows.
-#[inline]
-fn transposed(z: [&[f64; 5]; 5]) -> [[f64; 5]; 5] {
-    [0, 1, 2, 3, 4].map(|x| z.map(|row| row[x]))
 }
 
 struct Search<'a, Z, F> {
@@ -273,38 +204,13 @@ fn scan_rows(band: &Band, span: &Span, plane: &Plane, mut greatest: f64) -> f64 
         if low <= high {
             let heights = &band.row(j as u32)[low as usize..=high as usize];
             let start = plane.z + plane.north * (j - plane.j) as f64 + plane.east * (low - plane.i) as f64;
-            greatest = run_deviation(heights, start, plane.east, greatest);
+            for (n, z) in heights.iter().enumerate() {
+                let stray = (z - (start + plane.east * n as f64)).abs();
+                greatest = if stray > greatest { stray } else { greatest };
+            }
         }
     }
     greatest
-}
-
-/// The greatest of `greatest` and |heights[n] - (start + n * step)|; of a long run, in four lanes that the compiler can
-/// keep abreast.
-#[inline]
-fn run_deviation(heights: &[f64], start: f64, step: f64, greatest: f64) -> f64 {
-    if heights.len() < SHORT_RUN {
-        return heights.iter().enumerate().fold(greatest, |most, (n, z)| {
-            let d = (z - (start + step * n as f64)).abs();
-            if d > most { d } else { most }
-        });
-    }
-    let mut lanes = [greatest; 4];
-    let mut offset = [0.0, 1.0, 2.0, 3.0];
-    let chunks = heights.chunks_exact(4);
-    let rest = chunks.remainder();
-    for chunk in chunks {
-        for lane in 0..4 {
-            let d = (chunk[lane] - (start + step * offset[lane])).abs();
-            lanes[lane] = if d > lanes[lane] { d } else { lanes[lane] };
-            offset[lane] += 4.0;
-        }
-    }
-    for (lane, z) in rest.iter().enumerate() {
-        let d = (z - (start + step * offset[lane])).abs();
-        lanes[lane] = if d > lanes[lane] { d } else { lanes[lane] };
-    }
-    lanes.into_iter().fold(greatest, f64::max)
 }
 
 /// Closed ranges of i, j, i - j and i + j: a bintree triangle is where all four hold.

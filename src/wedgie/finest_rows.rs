@@ -109,6 +109,8 @@ impl<'a> FinestRows<'a> {
         let children = [(&beside, 0), (&beside, 1), (below, 0), (above, 0)];
         let [west_child, east_child, south_child, north_child] =
             children.map(|(child, from)| (&child.tight[from..][..len], &child.radius_m[from..][..len]));
+        // The numbers of several diamonds lie side by side, and become bounds when all are there.
+        let (mut tight, mut radius_m) = (vec![0.0; len], vec![0.0; len]);
         for n in 0..len {
             let to = |height: f64| steps.rise2(z[n], height);
             let corners = [south_west[n], south_east[n], north_west[n], north_east[n]].map(to);
@@ -117,15 +119,20 @@ impl<'a> FinestRows<'a> {
             let reach = reach.max((steps.east2 + to(east[n])).sqrt() + f64::from(east_child.1[n]));
             let reach = reach.max((steps.north2 + to(south[n])).sqrt() + f64::from(south_child.1[n]));
             let reach = reach.max((steps.north2 + to(north[n])).sqrt() + f64::from(north_child.1[n]));
+            radius_m[n] = round_up(reach * BALL_MARGIN);
             // Bases run from south-west to north-east in every other diamond.
             let rises = (n as u32 + 1 + j / 2).is_multiple_of(2);
             let rising = deviate(z[n], [south_west[n], north_east[n]]);
             let falling = deviate(z[n], [south_east[n], north_west[n]]);
             let own = round_up(if rises { rising } else { falling });
             let [a, b, c, d] = [west_child, east_child, south_child, north_child].map(|child| child.0[n]);
-            let tight = own.max(a.max(b)).max(c.max(d));
-            out.push(DiamondBounds { tight, nested: tight, radius_m: round_up(reach * BALL_MARGIN) });
+            tight[n] = own.max(a.max(b)).max(c.max(d));
         }
+        out.extend(tight.into_iter().zip(radius_m).map(|(tight, radius_m)| DiamondBounds {
+            tight,
+            nested: tight,
+            radius_m,
+        }));
     }
 
     /// The tilted diamonds of posts (2a + 1, j), j even, for a from 1.
@@ -170,12 +177,14 @@ impl Tilted {
         [south, north]: [&[f64]; 2],
         base_runs_east: bool,
     ) -> Self {
-        let bounds = |n: usize| {
+        let len = z.len();
+        let [west, east, south, north] = [west, east, south, north].map(|row| &row[..len]);
+        let (mut tight, mut radius_m) = (vec![0.0; len], vec![0.0; len]);
+        for n in 0..len {
             let cross = Cross { z: z[n], west: west[n], east: east[n], south: south[n], north: north[n] };
             let bounds = cross.bounds(steps, deviate, base_runs_east);
-            (bounds.tight, bounds.radius_m)
-        };
-        let (tight, radius_m) = (0..z.len()).map(bounds).unzip();
+            (tight[n], radius_m[n]) = (bounds.tight, bounds.radius_m);
+        }
         Self { tight, radius_m }
     }
 }

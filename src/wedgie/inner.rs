@@ -4,9 +4,11 @@
 use sightline_proto::diamond::Post;
 
 use super::{
-    BALL_MARGIN, DiamondBounds,
+    BALL_MARGIN, DiamondBounds, abreast,
     band::Band,
+    deviation::scan,
     finest::{Steps, far},
+    pyramid::Parity,
     round_up,
 };
 use crate::terrain::SceneScale;
@@ -14,8 +16,10 @@ use crate::terrain::SceneScale;
 /// What the inner diamonds of one kind, in one row of a lattice, follow from.
 pub(super) struct InnerRow<'a> {
     k: u8,
-    /// Columns of the grid whose diamonds have all corners in it.
-    columns: std::ops::Range<u32>,
+    /// The column of the first of them.
+    first: u32,
+    /// Their tight thicknesses.
+    tight: Vec<f32>,
     /// The rows of heights a half-length south of the diamonds, through them, and a half-length north.
     heights: [&'a [f64]; 3],
     /// Of a half-length.
@@ -57,21 +61,42 @@ impl<'a> Children<'a> {
 }
 
 impl<'a> InnerRow<'a> {
-    /// Row `j` of the grid, which is a half-length 2^k or more away from its first and its last.
-    pub(super) fn new(band: &'a Band, scale: SceneScale, k: u8, j: u32, children: Children<'a>) -> Self {
+    /// Row `j` of the grid, which is a half-length 2^k or more away from its first and its last. `exact` is what
+    /// [`super::deviation::arithmetic_is_exact`] says of the field.
+    pub(super) fn new(
+        band: &'a Band,
+        scale: SceneScale,
+        exact: bool,
+        kind: Parity,
+        k: u8,
+        j: u32,
+        children: Children<'a>,
+    ) -> Self {
         let h = 1 << k;
+        // Tilted diamonds of odd rows of the lattice are in its even columns, of which the first has a corner beyond the grid.
+        let first = if kind == Parity::Tilted && (j >> k) % 2 == 1 { 2 * h } else { h };
+        let count = band.grid().nx().saturating_sub(first).saturating_sub(h).div_ceil(2 * h) as usize;
+        let tight = if !exact {
+            (first..).step_by(2 * h as usize).take(count).map(|i| scan(band, exact, Post::new(i, j))).collect()
+        } else if band.is_level() {
+            // Water and plains are left out: nothing deviates.
+            vec![0.0; count]
+        } else {
+            abreast::tight(band, kind, h, j, first, count)
+        };
         let heights = [band.row(j - h), band.row(j), band.row(j + h)];
-        Self { k, columns: h..band.grid().nx().saturating_sub(h), heights, steps: Steps::new(scale, h), children }
+        Self { k, first, tight, heights, steps: Steps::new(scale, h), children }
+    }
+
+    /// The bounds of the diamond at `p`, if it is one of these.
+    #[inline]
+    pub(super) fn get(&self, p: Post) -> Option<DiamondBounds> {
+        let n = p.i.checked_sub(self.first)? >> (self.k + 1);
+        self.tight.get(n as usize).map(|&tight| self.nest(p, tight))
     }
 
     #[inline]
-    pub(super) fn has(&self, p: Post) -> bool {
-        self.columns.contains(&p.i)
-    }
-
-    /// The bounds of an inner diamond of the row from its tight thickness.
-    #[inline]
-    pub(super) fn nest(&self, p: Post, tight: f32) -> DiamondBounds {
+    fn nest(&self, p: Post, tight: f32) -> DiamondBounds {
         let (i, h) = (p.i as usize, 1_usize << self.k);
         let [south, row, north] = self.heights;
         let z = row[i];

@@ -9,6 +9,7 @@
 //! Deviations are counted at the posts of the grid (filled voids included): padding adds none of its own. They are
 //! attained at posts, since every bintree triangle is a union of finest triangles and so is the grid rectangle.
 
+mod abreast;
 mod band;
 mod deviation;
 mod finest;

@@ -141,17 +141,17 @@ impl TightReader for &BoundsPyramid {
 
 /// Rows of posts that are read together for a band of a lattice.
 const BAND_ROWS: u32 = 32;
-/// The greatest k of a lattice whose diamonds are scanned; on rough terrain, that of 32 posts costs as much either way.
-const SCAN_K: u8 = 3;
-/// Rows of heights that a band holds at most, those around it included.
+/// The greatest k of a lattice whose diamonds are scanned: a band of the next one would not fit [`BAND_BYTES`].
+const SCAN_K: u8 = 5;
+/// Rows of heights that a band holds at most, about, those around it included.
 const MOST_BAND_ROWS: usize = 2 * BAND_ROWS as usize;
 
-/// How long the first lattices take beside one another, and each further one, by samples of a profile over rough terrain.
-const SHARES: [f64; 6] = [32.0, 19.0, 17.0, 22.0, 7.0, 2.0];
-const REST: f64 = 0.2;
+/// How long the first lattices take beside one another, and each further one, by instructions over rough terrain.
+const SHARES: [f64; 6] = [41.0, 16.0, 11.0, 9.0, 9.0, 5.0];
+const REST: f64 = 1.0;
 
-/// Bytes that a band takes while it is worked on, about, for each post of a row of the grid: its heights twice (once more
-/// apart by parity of their columns), and rows of results.
+/// Bytes that a band takes while it is worked on, about, for each post of a row of the grid: its heights twice (of the
+/// finest lattice once more, apart by parity of their columns), and rows of results.
 pub const BAND_BYTES: usize = 2 * 8 * MOST_BAND_ROWS;
 /// Bytes that a row of [`Effort::rows`] takes for each post of a row of the grid, about: half of the posts are in a row
 /// of the finest lattice, and for one of the next two rows of that are at hand; each twice, before they are in order.
@@ -282,7 +282,9 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
         let height = (BAND_ROWS >> near.own.size.k.min(SCAN_K)).max(1);
         let starts: Vec<_> = rows.clone().step_by(height as usize).collect();
         let mut done = Vec::with_capacity(rows.len());
-        for starts in starts.chunks(self.bands) {
+        // No more are under work than there are threads: then none need wait for those before it.
+        let at_once = if self.bands < rayon::current_num_threads() { self.bands } else { starts.len() };
+        for starts in starts.chunks(at_once.max(1)) {
             let band = |&start: &u32| self.band(near, parity, start..(start + height).min(rows.end));
             let made: Result<Vec<_>, _> = starts.par_iter().map(band).collect();
             done.extend(made?.into_iter().flatten());
@@ -295,6 +297,10 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
         let k = size.k;
         let at = |b| RowAt { near, parity, b };
         let stored = |p| near.get(p);
+        let has_some = |&b: &u32| parity.columns(b, size.columns).next().is_some();
+        let (Some(first), Some(last)) = (rows.clone().find(has_some), rows.clone().rfind(has_some)) else {
+            return Ok(vec![Vec::new(); rows.len()]);
+        };
         if k > SCAN_K {
             let mut posts = Posts::new(self.field);
             let mut reader = self.store.reader();
@@ -305,13 +311,10 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
             let mut tight = |posts: &mut Posts<'_, H>, p| deviation::search(grid, posts, &mut finer, self.exact, p);
             return rows.map(|b| self.row(at(b), &mut posts, None, &mut tight, stored)).collect();
         }
-        // Water and plains are left out: on a level band, nothing deviates.
-        let mut tight = |band: &mut &Band, p| {
-            Ok(if self.exact && band.is_level() { 0.0 } else { deviation::scan(band, self.exact, p) })
-        };
+        let mut tight = |band: &mut &Band, p| Ok(deviation::scan(band, self.exact, p));
         // A diamond reaches as far as its half-length; balls of the finest level look two posts further.
-        let margin = (1 << k) + 3;
-        let heights = &Band::load(self.field, (rows.start << k).saturating_sub(margin), (rows.end << k) + margin)?;
+        let margin = if k == 1 { 3 } else { 1 << k };
+        let heights = &Band::load(self.field, (first << k).saturating_sub(margin), (last << k) + margin)?;
         if k > 1 || parity == Parity::Square {
             let row = |b| {
                 let inner = self.inner(at(b), heights, None);
@@ -344,10 +347,10 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
         let mut row = Vec::with_capacity(columns as usize / 2 + 1);
         for a in parity.columns(b, columns) {
             let p = Post::new(a << k, b << k);
-            row.push(match inner {
-                Some(inner) if inner.has(p) => inner.nest(p, tight(heights, p)?),
-                _ if root.is_corner(p) => DiamondBounds::default(),
-                _ => {
+            row.push(match inner.and_then(|inner| inner.get(p)) {
+                Some(bounds) => bounds,
+                None if root.is_corner(p) => DiamondBounds::default(),
+                None => {
                     let tight = tight(heights, p)?;
                     self.nest(heights, parity, 1 << k, p, tight, &child)?
                 }
@@ -380,7 +383,7 @@ impl<H: HeightField + ?Sized, S: BoundsStore> Source<'_, H, S> {
                 Children::aslant(heights, self.scale, j, h / 2, [2 * b - 1, 2 * b + 1].map(|b| below.row(b)), k - 1)
             }
         };
-        Some(InnerRow::new(heights, self.scale, k, j, children))
+        Some(InnerRow::new(heights, self.scale, self.exact, parity, k, j, children))
     }
 
     /// The bounds of the diamond of half-length `h` at `p` from its tight thickness and its children.
@@ -425,7 +428,7 @@ struct RowAt<'a> {
 
 /// The two kinds of diamonds of a lattice.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Parity {
+pub(super) enum Parity {
     /// a + b is odd.
     Tilted,
     /// a and b are odd.
@@ -449,11 +452,11 @@ impl Rows<'_> {
     fn place(&mut self, parity: Parity, first: u32, rows: &[Vec<DiamondBounds>]) {
         let columns = self.size.columns;
         let from = (first - self.first) as usize * columns as usize;
-        let slots = self.bounds.to_mut()[from..].chunks_mut(columns as usize);
-        for (b, (row, slots)) in (first..).zip(rows.iter().zip(slots)) {
+        let slots = self.bounds.to_mut()[from..].par_chunks_mut(columns as usize);
+        slots.zip(rows).zip(first..first + rows.len() as u32).for_each(|((slots, row), b)| {
             for (a, bounds) in parity.columns(b, columns).zip(row) {
                 slots[a as usize] = *bounds;
             }
-        }
+        });
     }
 }
