@@ -16,8 +16,8 @@ const PROGRAM_BYTES: usize = 40 << 20;
 /// Entries of all pages for each page of heights: one of bounds of the finest lattice, a third for all above, a twelfth for
 /// heights of coarse lattices, less for extremes, some more for levels of filled voids. Of 24 bytes each.
 const ENTRY_BYTES: usize = 64;
-/// For each post of a row: a row of pages as it is read, in f64.
-const READ_BYTES: usize = 8 * PAGE_SIDE as usize;
+/// For each post of a row: a row of pages as it is read, in f64, and the one that is made into pages meanwhile.
+const READ_BYTES: usize = 2 * 8 * PAGE_SIDE as usize;
 /// The least that makes sense for pages at hand.
 const LEAST_CACHE_BYTES: usize = 8 << 20;
 

@@ -15,7 +15,7 @@ use super::{
     scratch::{Scratch, Shelf},
 };
 use crate::{
-    terrain::{Grid, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError},
+    terrain::{Grid, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, ReadError, Samples},
     wedgie::LatticeSize,
 };
 
@@ -100,7 +100,7 @@ struct Cells<'s> {
     shelf: &'s Shelf<'s>,
     /// Exponent of the lattice's step in posts of the shelf.
     shift: u32,
-    /// The last pages met.
+    /// The last pages met, the latest at the end.
     held: Vec<(PageId, Arc<HeightPage>)>,
 }
 
@@ -114,17 +114,29 @@ impl Cells<'_> {
         let along = |n: u32, cells: u32| (u64::from(n) << self.shift).min(u64::from(cells) - 1) as u32;
         let (c, r) = (along(c, columns), along(r, rows));
         let id = PageId { pi: c / PAGE_SIDE, pj: r / PAGE_SIDE };
-        let n = match self.held.iter().position(|(held, _)| *held == id) {
-            Some(n) => n,
-            None => {
-                if self.held.len() == HELD {
-                    self.held.remove(0);
-                }
-                self.held.push((id, self.shelf.heights(id)?));
-                self.held.len() - 1
-            }
+        if self.held.last().is_none_or(|(last, _)| *last != id) {
+            self.hold(id)?;
+        }
+        let n = (r % PAGE_SIDE * PAGE_SIDE + c % PAGE_SIDE) as usize;
+        Ok(match self.held.last().map(|(_, page)| page.samples()) {
+            Some(Samples::I16(z)) => z[n].into(),
+            Some(Samples::I32(z)) => z[n],
+            Some(Samples::F64(z)) => z[n] as i32,
+            None => unreachable!("a page was brought above"),
+        })
+    }
+
+    /// Has page `id` as the last of those at hand.
+    fn hold(&mut self, id: PageId) -> Result<(), ReadError> {
+        let page = match self.held.iter().position(|(held, _)| *held == id) {
+            Some(n) => self.held.remove(n),
+            None => (id, self.shelf.heights(id)?),
         };
-        Ok(self.held[n].1.at(c % PAGE_SIDE, r % PAGE_SIDE).z as i32)
+        if self.held.len() == HELD {
+            self.held.remove(0);
+        }
+        self.held.push(page);
+        Ok(())
     }
 }
 

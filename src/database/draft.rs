@@ -244,12 +244,13 @@ impl Lattices<'_> {
                 let id = PageId { pi, pj };
                 let page = shelf.bounds(id, self.element)?;
                 let quads = shelf.paging.size(id);
-                for (n, bounds) in page.diamonds().iter().enumerate() {
-                    let quad = (n / QUAD_DIAMONDS) as u32;
-                    let (u, v) = (pi * QUAD_SIDE + quad % quads.0, pj * QUAD_SIDE + quad / quads.0);
-                    let (a, b) = quad_post(u, v, n % QUAD_DIAMONDS);
-                    if a < size.columns && rows.contains(&b) {
-                        out[(b - rows.start) as usize * columns + a as usize] = *bounds;
+                let mut diamonds = page.diamonds().iter();
+                for (v, u) in (0..quads.1).flat_map(|v| (0..quads.0).map(move |u| (v, u))) {
+                    for (n, bounds) in diamonds.by_ref().take(QUAD_DIAMONDS).enumerate() {
+                        let (a, b) = quad_post(pi * QUAD_SIDE + u, pj * QUAD_SIDE + v, n);
+                        if a < size.columns && rows.contains(&b) {
+                            out[(b - rows.start) as usize * columns + a as usize] = *bounds;
+                        }
                     }
                 }
                 Ok(())

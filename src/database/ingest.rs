@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     dem::{DemError, Raster, SeamReport},
-    terrain::{Grid, GridError, PAGE_POSTS, PAGE_SIDE, ReadError, SceneScale},
+    terrain::{Grid, GridError, HeightField, PAGE_POSTS, PAGE_SIDE, ReadError, SceneScale},
 };
 
 /// What is done about posts without data.
@@ -229,25 +229,40 @@ fn read<'a>(
     unit_m: f64,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Heights<'a>, IngestError> {
-    let nx = grid.nx() as usize;
+    let (nx, page_rows) = (grid.nx() as usize, grid.pages().1);
     let mut heights = Heights::new(scratch, grid);
-    let mut band_m = Vec::new();
-    for pj in 0..grid.pages().1 {
-        let j0 = pj * PAGE_SIDE;
-        let rows = (grid.ny() - j0).min(PAGE_SIDE);
-        band_m.resize(rows as usize * nx, 0.0);
-        raster.read_rows(j0, &mut band_m)?;
-        heights.push_row(pj, |id| {
-            let west = (id.pi * PAGE_SIDE) as usize;
-            let rows = band_m.chunks_exact(nx).map(|row| &row[west..nx.min(west + PAGE_SIDE as usize)]);
-            quantised(rows, unit_m).map_err(|[i, j]| {
-                let (i, j) = (west as u32 + i, j0 + j);
-                IngestError::Range { i, j, height_m: band_m[(j - j0) as usize * nx + i as usize], unit_m }
-            })
-        })?;
-        progress(u64::from(j0 + rows) * nx as u64);
+    let rows_of = |pj: u32| (grid.ny() - pj * PAGE_SIDE).min(PAGE_SIDE);
+    let mut read = |pj: u32, band_m: &mut Vec<f64>| {
+        band_m.resize(rows_of(pj) as usize * nx, 0.0);
+        raster.read_rows(pj * PAGE_SIDE, band_m)
+    };
+    let (mut band_m, mut next_m) = (Vec::new(), Vec::new());
+    read(0, &mut next_m)?;
+    for pj in 0..page_rows {
+        std::mem::swap(&mut band_m, &mut next_m);
+        // The next rows are read while these become pages.
+        let (pushed, next) = rayon::join(
+            || push(&mut heights, pj, &band_m, unit_m),
+            || if pj + 1 < page_rows { read(pj + 1, &mut next_m) } else { Ok(()) },
+        );
+        pushed?;
+        next?;
+        progress(u64::from(pj * PAGE_SIDE + rows_of(pj)) * nx as u64);
     }
     Ok(heights)
+}
+
+/// Makes the pages of row `pj` from its heights in metres.
+fn push(heights: &mut Heights<'_>, pj: u32, band_m: &[f64], unit_m: f64) -> Result<(), IngestError> {
+    let nx = heights.grid().nx() as usize;
+    heights.push_row(pj, |id| {
+        let west = (id.pi * PAGE_SIDE) as usize;
+        let rows = band_m.chunks_exact(nx).map(|row| &row[west..nx.min(west + PAGE_SIDE as usize)]);
+        quantised(rows, unit_m).map_err(|[i, j]| {
+            let (i, height_m) = (west as u32 + i, band_m[j as usize * nx + west + i as usize]);
+            IngestError::Range { i, j: pj * PAGE_SIDE + j, height_m, unit_m }
+        })
+    })
 }
 
 /// A page from its rows, heights in metres, NaN where void; the column and row of a height that does not fit.

@@ -281,18 +281,20 @@ pub(super) fn encode_bounds(
     element: Element,
 ) -> Result<(Vec<u8>, u32), String> {
     let cell = cell_bytes(element).ok_or("no element of bounds")?;
-    let height_bytes = cell / QUAD_DIAMONDS - SHORT_BYTES;
-    let mut out = Vec::with_capacity(cell / QUAD_DIAMONDS * diamonds.len());
-    for (bounds, &height) in diamonds.iter().zip(heights) {
+    let width = cell / QUAD_DIAMONDS;
+    let mut out = vec![0; width * diamonds.len()];
+    for (record, (bounds, &height)) in out.chunks_exact_mut(width).zip(diamonds.iter().zip(heights)) {
         check_bounds(bounds)?;
-        for value in [bounds.tight, bounds.nested, bounds.radius_m] {
-            out.extend_from_slice(&value.to_bits().div_ceil(1 << SHORT_SHIFT).to_le_bytes()[..3]);
+        let (short, rest) = record.split_at_mut(SHORT_BYTES);
+        for (slot, value) in short.as_chunks_mut().0.iter_mut().zip([bounds.tight, bounds.nested, bounds.radius_m]) {
+            let [a, b, c, _] = value.to_bits().div_ceil(1 << SHORT_SHIFT).to_le_bytes();
+            *slot = [a, b, c];
         }
         if element == Element::BoundsI16 && i16::try_from(height).is_err() {
             return Err(format!("a height of {height} in 16 bits"));
         }
         // The low bytes of a number that fits are that number in fewer bytes.
-        out.extend_from_slice(&height.to_le_bytes()[..height_bytes]);
+        rest.copy_from_slice(&height.to_le_bytes()[..rest.len()]);
     }
     Ok(shorten(out, cell))
 }

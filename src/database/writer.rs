@@ -225,7 +225,7 @@ impl<'a> Content<'a> {
     /// Writes the file: pages with their directories, then the front matter.
     pub(super) fn write(
         &mut self,
-        sink: &mut impl Sink,
+        sink: &mut (impl Sink + Send),
         path: &Path,
         progress: &mut dyn FnMut(u64),
     ) -> Result<Written, WriteError> {
@@ -239,23 +239,23 @@ impl<'a> Content<'a> {
                 hash_section(&mut hash, section);
             }
             let mut offset = section.offset + directory::bytes(section.pages).unwrap_or(0);
-            for block in 0..directory::blocks(section.pages) {
-                let pages = block * BLOCK_ENTRIES..((block + 1) * BLOCK_ENTRIES).min(section.pages);
-                let pages: Result<Vec<_>, _> =
-                    pages.into_par_iter().map(|n| self.page(section, paging.id(n))).collect();
-                let (mut entries, mut bytes) = (Vec::new(), Vec::new());
-                for Page { bytes: of_page, flags, checksum } in pages? {
-                    let (offset, length) = (offset + bytes.len() as u64, of_page.len() as u32);
-                    entries.push(Entry { offset, checksum, length, flags });
-                    bytes.extend_from_slice(&of_page);
+            let blocks = directory::blocks(section.pages);
+            let mut at_hand = self.block(section, paging, 0)?;
+            for block in 0..blocks {
+                let pages = std::mem::take(&mut at_hand);
+                // The pages of the next block are fetched while this one is written.
+                let (written, next) = rayon::join(
+                    || write_block(sink, section, block, offset, pages),
+                    || if block + 1 < blocks { self.block(section, paging, block + 1) } else { Ok(Vec::new()) },
+                );
+                let entries = written.map_err(io_error)?;
+                at_hand = next?;
+                for entry in entries {
+                    offset += u64::from(entry.length);
                     if is_hashed {
-                        hash.update(&checksum.to_le_bytes());
+                        hash.update(&entry.checksum.to_le_bytes());
                     }
                 }
-                sink.write_at(offset, &bytes).map_err(io_error)?;
-                offset += bytes.len() as u64;
-                let at = section.offset + directory::block_span(section.pages, block).0;
-                sink.write_at(at, &directory::encode_block(block, &entries)).map_err(io_error)?;
                 progress((self.draft.heights.grid().posts() as f64 * (offset as f64 / self.file_bytes as f64)) as u64);
             }
             debug_assert_eq!(offset, section.offset + section.length);
@@ -265,6 +265,12 @@ impl<'a> Content<'a> {
         sink.write_at(self.sections[0].offset, &manifest).map_err(io_error)?;
         sink.write_at(0, &format::encode_front(&self.sections, self.file_bytes)).map_err(io_error)?;
         Ok(Written { version: self.manifest.version, file_bytes: self.file_bytes })
+    }
+
+    /// The pages of block `block` of a section's directory, in the order of the file.
+    fn block(&self, section: &Section, paging: Paging, block: u64) -> Result<Vec<Page>, WriteError> {
+        let pages = block * BLOCK_ENTRIES..((block + 1) * BLOCK_ENTRIES).min(section.pages);
+        pages.into_par_iter().map(|n| self.page(section, paging.id(n))).collect()
     }
 
     fn page(&self, section: &Section, id: PageId) -> Result<Page, WriteError> {
@@ -280,6 +286,25 @@ impl<'a> Content<'a> {
         let entry = shelf.entry(id);
         Ok(Page { bytes: shelf.bytes(id)?, flags: entry.flags, checksum: entry.checksum })
     }
+}
+
+/// Writes the pages of a block of a section's directory from `offset` on, and the block; its entries.
+fn write_block(
+    sink: &mut impl Sink,
+    section: &Section,
+    block: u64,
+    offset: u64,
+    pages: Vec<Page>,
+) -> io::Result<Vec<Entry>> {
+    let (mut entries, mut bytes) = (Vec::with_capacity(pages.len()), Vec::new());
+    for Page { bytes: of_page, flags, checksum } in pages {
+        entries.push(Entry { offset: offset + bytes.len() as u64, checksum, length: of_page.len() as u32, flags });
+        bytes.extend_from_slice(&of_page);
+    }
+    sink.write_at(offset, &bytes)?;
+    let at = section.offset + directory::block_span(section.pages, block).0;
+    sink.write_at(at, &directory::encode_block(block, &entries))?;
+    Ok(entries)
 }
 
 /// The sections of a file and its length, from the bytes of the pages of each: of the heights, of `lattices` from k = 1

@@ -9,6 +9,7 @@
 //! many in files, and one byte a post of one row.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::terrain::Georeference;
@@ -61,6 +62,13 @@ impl Overlap {
                 self.largest_difference_m = f64::max(self.largest_difference_m, (*post - height).abs());
             }
         }
+    }
+
+    /// Puts what the only part that has these columns has there, NaN for void, into `posts`.
+    fn put_alone(&mut self, posts: &mut [f64], columns: Range<usize>, heights: impl Iterator<Item = f64>) {
+        posts.iter_mut().zip(heights).for_each(|(post, height)| *post = height);
+        // Of a post that one part has alone, nothing is counted but that it is covered.
+        self.flags[columns].fill(KNOWN);
     }
 
     /// Counts row `j`, which is complete.
@@ -142,6 +150,13 @@ impl Raster for Mosaic {
 
     fn read_row(&mut self, j: u32, out: &mut [f64]) -> Result<(), DemError> {
         let rows = self.tile_rows(j);
+        let is_shared = rows.start() != rows.end();
+        let nodata = self.nodata.unwrap_or(f64::NAN);
+        let height = |sample: &[u8; 2]| match i16::from_be_bytes(*sample) {
+            VOID => f64::NAN,
+            z if f64::from(z) == nodata => f64::NAN,
+            z => f64::from(z),
+        };
         out.fill(f64::NAN);
         self.overlap.begin_row();
         for (&(tj, ti), tile) in &mut self.tiles {
@@ -151,12 +166,14 @@ impl Raster for Mosaic {
             }
             let samples = tile.row(j - tj * self.cells)?;
             let start = ti as usize * self.cells as usize;
-            for (i, bytes) in (start..).zip(samples.chunks_exact(2)) {
-                let sample = i16::from_be_bytes([bytes[0], bytes[1]]);
-                let height = f64::from(sample);
-                let void = sample == VOID || self.nodata == Some(height);
-                self.overlap.put(&mut out[i], i, if void { f64::NAN } else { height });
+            let (samples, _) = samples.as_chunks();
+            // Columns that no other tile has in this row.
+            let own = if is_shared { 0..0 } else { 1..samples.len() - 1 };
+            for i in (0..own.start).chain(own.end..samples.len()) {
+                self.overlap.put(&mut out[start + i], start + i, height(&samples[i]));
             }
+            let posts = start + own.start..start + own.end;
+            self.overlap.put_alone(&mut out[posts.clone()], posts, samples[own].iter().map(height));
         }
         self.overlap.end_row(j);
         Ok(())

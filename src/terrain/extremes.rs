@@ -14,7 +14,10 @@
 //! the grid as drawn, void ones included; within a page of heights (what harms nobody) also over a height of 0 where it
 //! reaches beyond the grid.
 
-use std::{ops::RangeInclusive, sync::Arc};
+use std::{
+    ops::{Range, RangeInclusive},
+    sync::Arc,
+};
 
 use super::field::{Grid, HeightField, HeightPage, PAGE_POSTS, PAGE_SIDE, PageId, Posts, ReadError, Samples};
 
@@ -65,10 +68,30 @@ impl Extremes {
         let blocks = move |posts: u32| (0..posts).step_by(BLOCK_SIDE as usize);
         blocks(rows).flat_map(move |south| blocks(columns).map(move |west| (west, south))).map(move |(west, south)| {
             let (east, north) = ((west + BLOCK_SIDE).min(columns), (south + BLOCK_SIDE).min(rows));
-            let posts = (south..north).flat_map(|j| (west..east).map(move |i| page.at(i, j)));
-            posts.fold(Self::NOTHING, |all, post| all.join(Self { least: post.z, greatest: post.z, void: post.void }))
+            let (least, greatest) = match page.samples() {
+                Samples::I16(samples) => range(&samples[..], west..east, south..north),
+                Samples::I32(samples) => range(&samples[..], west..east, south..north),
+                Samples::F64(samples) => range(&samples[..], west..east, south..north),
+            };
+            let is_void = |i: u32, j: u32| page.voids().is_some_and(|rows| rows[j as usize] >> i & 1 == 1);
+            let void = page.has_voids() && (south..north).any(|j| (west..east).any(|i| is_void(i, j)));
+            Self { least, greatest, void }
         })
     }
+}
+
+/// The least and the greatest of a page's samples in some columns and rows.
+fn range<S: Copy + PartialOrd + Into<f64>>(samples: &[S], columns: Range<u32>, rows: Range<u32>) -> (f64, f64) {
+    let at = |i: u32, j: u32| (j * PAGE_SIDE + i) as usize;
+    let first = samples[at(columns.start, rows.start)];
+    let (mut least, mut greatest) = (first, first);
+    for j in rows {
+        for &z in &samples[at(columns.start, j)..at(columns.end, j)] {
+            least = if z < least { z } else { least };
+            greatest = if z > greatest { z } else { greatest };
+        }
+    }
+    (least.into(), greatest.into())
 }
 
 /// The greatest height over blocks of posts.
