@@ -14,6 +14,7 @@ use sightline_proto::diamond::Post;
 use super::{
     Database, OpenError, OpenOptions, WriteError,
     budget::Budget,
+    crown::encode_corners,
     directory::{self, BLOCK_ENTRIES, Entry},
     draft::Draft,
     envelope,
@@ -472,6 +473,46 @@ fn damaged_and_wrong_heights_beside_bounds_are_found() {
         assert!(found.damage.iter().any(|d| d.contains("not those of the posts")), "{found:?}");
     }
     assert_eq!(database.lattices.len(), 8);
+}
+
+/// The file with other heights of the corners, and a checksum that fits them if it is to.
+fn with_corners(bytes: &[u8], database: &Database, heights: [i32; 4], fits: bool) -> Vec<u8> {
+    let (mut out, section) = (bytes.to_vec(), database.sections[database.corners.unwrap()]);
+    let mut corners = encode_corners(heights);
+    corners[16] ^= u8::from(!fits);
+    out[section.offset as usize..][..section.length as usize].copy_from_slice(&corners);
+    out
+}
+
+#[test]
+fn damaged_and_wrong_heights_of_corners_are_found_and_a_file_without_them_is_read_too() {
+    // One grid reaches the corners of its root square, one is 70 posts short of them.
+    for (nx, ny) in [(129, 129), (130, 186)] {
+        let field = terrain(nx, ny, 3, 1, true);
+        let (bytes, _) = written(&field, usize::MAX);
+        let open = |bytes: &[u8]| Database::open_whole(Bytes::boxed(bytes), NO_CACHE).unwrap();
+        let (database, mut posts) = (open(&bytes), Posts::new(&field));
+        let expected = field.grid().root().corners().map(|p| posts.at(field.grid().clamp(p)).unwrap().z);
+        assert_eq!(database.corner_heights(), Ok(Some(expected)));
+        let heights = expected.map(|z| z as i32);
+        let damaged = open(&with_corners(&bytes, &database, heights, false));
+        assert!(damaged.corner_heights().unwrap_err().to_string().contains("corners"));
+        assert_eq!(unreadable_pages(&damaged, &field), 0);
+        for n in 0..4 {
+            let mut wrong = heights;
+            wrong[n] += 1;
+            let bad = with_corners(&bytes, &database, wrong, true);
+            let found = verify_source(Bytes::boxed(&bad), &|_, _| ()).unwrap();
+            assert!(found.damage.iter().any(|d| d.contains("corners: its heights")), "{found:?}");
+        }
+        let mut sections = database.sections.clone();
+        sections[database.corners.unwrap()].kind = Kind::Other(99);
+        let front = format::encode_front(&sections, bytes.len() as u64);
+        let mut without = bytes.clone();
+        without[..front.len()].copy_from_slice(&front);
+        assert_eq!((open(&without).corner_heights(), open(&without).version()), (Ok(None), database.version()));
+        assert!(verify_source(Bytes::boxed(&without), &|_, _| ()).unwrap().damage.is_empty());
+    }
 }
 
 /// What a format version does not have, no file of it has.

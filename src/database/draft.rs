@@ -119,6 +119,16 @@ impl<'a> Heights<'a> {
         encoded.ok_or_else(|| WriteError::Description("heights do not fit their section".into()))
     }
 
+    /// The drawn heights of the posts nearest to the corners of the root square.
+    pub(super) fn of_corners(&self) -> Result<[i32; 4], ReadError> {
+        let mut heights = [0; 4];
+        for (height, corner) in heights.iter_mut().zip(self.grid.root().corners()) {
+            let p = self.grid.clamp(corner);
+            *height = self.shelf.heights(PageId::of(p))?.at(p.i % PAGE_SIDE, p.j % PAGE_SIDE).z as i32;
+        }
+        Ok(heights)
+    }
+
     /// Bytes of all pages with `element`.
     pub(super) fn bytes(&self, element: Element) -> u64 {
         let paging = self.shelf.paging;

@@ -22,7 +22,8 @@ const HEADER_CHECKSUM_AT: usize = TABLE_CHECKSUM_AT + 8;
 pub(super) const HEADER_BYTES: usize = HEADER_CHECKSUM_AT + 8;
 /// Bytes of an entry of the table.
 pub(super) const SECTION_BYTES: usize = 56;
-/// Greatest number of sections: a manifest, heights, 29 lattices of bounds, 5 levels of extremes, and as many again for later kinds.
+/// Greatest number of sections: a manifest, heights, 29 lattices of bounds, corners, 5 levels of extremes, and nearly as many
+/// again for later kinds.
 pub(super) const MAX_SECTIONS: u32 = 64;
 
 /// The bit of a section's flags that says that a reader which does not know its kind must refuse the file.
@@ -39,6 +40,8 @@ pub(super) enum Kind {
     Bounds,
     /// Pages of the least and greatest heights of blocks of posts. Optional.
     Extremes,
+    /// Heights of the corners of the root square. Optional.
+    Corners,
     /// Something that this version does not know and need not.
     Other(u32),
 }
@@ -50,6 +53,7 @@ impl Kind {
             2 => Self::Heights,
             3 => Self::Bounds,
             4 => Self::Extremes,
+            5 => Self::Corners,
             n => Self::Other(n),
         }
     }
@@ -60,6 +64,7 @@ impl Kind {
             Self::Heights => 2,
             Self::Bounds => 3,
             Self::Extremes => 4,
+            Self::Corners => 5,
             Self::Other(n) => n,
         }
     }
@@ -196,6 +201,7 @@ impl Section {
             Kind::Heights => "heights".into(),
             Kind::Bounds => format!("bounds of step {}", 1_u64 << self.level.min(63)),
             Kind::Extremes => format!("extremes of level {}", self.level),
+            Kind::Corners => "corners".into(),
             Kind::Other(n) => format!("section of unknown kind {n}"),
         }
     }

@@ -11,7 +11,7 @@ use super::{
     damage_tests::{Bytes, NO_CACHE, written},
     directory::{self, BLOCK_ENTRIES, ENTRY_BYTES},
     envelope,
-    format::{self, Section, u32_at, u64_at},
+    format::{self, Kind, Section, u32_at, u64_at},
     layout::Paging,
     tests::terrain,
     verify::verify_source,
@@ -89,6 +89,10 @@ fn repair(bytes: &mut [u8], sections: &[Section]) {
             bytes[start + length - 8..][..8].copy_from_slice(&sum.to_le_bytes());
         }
     }
+    for at in sections.iter().filter(|s| s.kind == Kind::Corners).map(|s| s.offset as usize) {
+        let sum = xxh3_64(&bytes[at..at + 16]);
+        bytes[at + 16..at + 24].copy_from_slice(&sum.to_le_bytes());
+    }
     let front = format::front_bytes(sections.len()) as usize;
     let sum = xxh3_64(&bytes[format::HEADER_BYTES..front]);
     bytes[24..32].copy_from_slice(&sum.to_le_bytes());
@@ -99,7 +103,7 @@ fn repair(bytes: &mut [u8], sections: &[Section]) {
 /// Reads this and that; whether all of it was there.
 fn read(database: &Database) -> bool {
     let grid = HeightField::grid(database);
-    let mut sound = true;
+    let mut sound = database.corner_heights().is_ok();
     for level in 0..extremes::levels(grid) + 1 {
         let (columns, rows) = if level == 0 { Some(grid.pages()) } else { extremes::pages(grid, level) }.unwrap();
         for (pj, pi) in (0..rows.min(PAGES)).flat_map(|pj| (0..columns.min(PAGES)).map(move |pi| (pj, pi))) {

@@ -8,6 +8,7 @@
 mod budget;
 mod cache;
 mod coarse;
+mod crown;
 mod curve;
 #[cfg(test)]
 mod damage_tests;

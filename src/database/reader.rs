@@ -15,6 +15,7 @@ use xxhash_rust::xxh3::xxh3_64;
 
 use super::{
     cache::Cache,
+    crown::{CORNERS_BYTES, Crown, decode_corners},
     directory::{self, BLOCK_ENTRIES, Entry, IS_CONSTANT},
     envelope,
     error::OpenError,
@@ -60,21 +61,36 @@ pub struct SectionInfo {
 /// What was read of a file.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Reads {
-    /// Pages of heights, bounds and extremes.
+    /// Pages of heights, bounds and extremes, each by itself.
     pub pages: u64,
-    /// Blocks of directories.
+    /// Blocks of directories, each by itself.
     pub directory_blocks: u64,
-    /// Bytes of these pages and blocks.
+    /// Bytes of these blocks.
+    pub directory_bytes: u64,
+    /// Reads of all the coarsest lattices of bounds at once.
+    pub crowns: u64,
+    /// Bytes of all these reads.
     pub bytes: u64,
 }
 
-/// The same, counted by all readers.
+/// The same of one section, counted by all readers.
 #[derive(Default)]
 struct Counts {
-    pages: AtomicU64,
-    directory_blocks: AtomicU64,
-    bytes: AtomicU64,
+    pages: Count,
+    directory_blocks: Count,
 }
+
+impl Counts {
+    fn so_far(&self) -> Reads {
+        let [(pages, bytes), (directory_blocks, directory_bytes)] = [&self.pages, &self.directory_blocks]
+            .map(|Count(reads, bytes)| (reads.load(Ordering::Relaxed), bytes.load(Ordering::Relaxed)));
+        Reads { pages, directory_blocks, directory_bytes, crowns: 0, bytes: bytes + directory_bytes }
+    }
+}
+
+/// Reads of one kind, and their bytes.
+#[derive(Default)]
+struct Count(AtomicU64, AtomicU64);
 
 /// An open terrain database. Shared by threads; everything that reads it is `&self`.
 pub struct Database {
@@ -90,10 +106,15 @@ pub struct Database {
     pub(super) lattices: Vec<usize>,
     /// Numbers of the sections of extremes, from level 1; none in files without.
     pub(super) extremes: Vec<usize>,
+    /// Number of the section of corners, in files that have it.
+    pub(super) corners: Option<usize>,
+    crown: Crown,
     /// The pages of heights read so far, row by row from the south, where all of them may be kept.
     kept: Option<Box<[OnceLock<Arc<HeightPage>>]>>,
     cache: Cache<Cached>,
-    reads: Counts,
+    /// By section.
+    reads: Box<[Counts]>,
+    crowns_read: AtomicU64,
 }
 
 #[derive(Clone)]
@@ -161,7 +182,7 @@ impl Database {
         let manifest = read_manifest(&*source, &sections)?;
         let grid = Grid::new(manifest.terrain.nx, manifest.terrain.ny)
             .map_err(|e| OpenError::damaged("manifest", e.to_string()))?;
-        let Numbers { heights, lattices, extremes } = check_sections(&sections, grid, header.version)?;
+        let Numbers { heights, lattices, corners, extremes } = check_sections(&sections, grid, header.version)?;
         let (columns, rows) = grid.pages();
         let pages_of_heights = columns as usize * rows as usize;
         let bytes = pages_of_heights.saturating_mul(pages::most_heights_weight(sections[heights].element));
@@ -169,6 +190,8 @@ impl Database {
         let kept = keeps_all.then(|| (0..pages_of_heights).map(|_| OnceLock::new()).collect());
         let cache = Cache::new(options.cache_bytes - if keeps_all { bytes } else { 0 });
         let Header { version: format, file_bytes, .. } = header;
+        let crown = Crown::of(&sections, &lattices, corners);
+        let reads = sections.iter().map(|_| Counts::default()).collect();
         Ok(Self {
             source,
             format,
@@ -179,9 +202,12 @@ impl Database {
             heights,
             lattices,
             extremes,
+            corners,
+            crown,
             kept,
             cache,
-            reads: Counts::default(),
+            reads,
+            crowns_read: AtomicU64::new(0),
         })
     }
 
@@ -232,14 +258,20 @@ impl Database {
 
     /// What was read since it was opened.
     pub fn reads(&self) -> Reads {
-        let [pages, directory_blocks, bytes] = [&self.reads.pages, &self.reads.directory_blocks, &self.reads.bytes]
-            .map(|count| count.load(Ordering::Relaxed));
-        Reads { pages, directory_blocks, bytes }
+        let crowns = self.crowns_read.load(Ordering::Relaxed);
+        let start = Reads { crowns, bytes: crowns * self.crown.bytes(), ..Reads::default() };
+        self.reads_by_section().into_iter().fold(start, |all, of| Reads {
+            pages: all.pages + of.pages,
+            directory_blocks: all.directory_blocks + of.directory_blocks,
+            directory_bytes: all.directory_bytes + of.directory_bytes,
+            crowns,
+            bytes: all.bytes + of.bytes,
+        })
     }
 
-    fn count(&self, what: &AtomicU64, bytes: usize) {
-        what.fetch_add(1, Ordering::Relaxed);
-        self.reads.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    /// The same of each section, in their order; nothing of what was read of several at once.
+    pub fn reads_by_section(&self) -> Vec<Reads> {
+        self.reads.iter().map(Counts::so_far).collect()
     }
 
     /// The sections in the order of the file.
@@ -306,8 +338,7 @@ impl Database {
         if unknown != 0 || pages::page_bytes(s.element, paging.size(id), entry.flags) != Some(length) {
             return Err(self.damaged(section, id, "its directory entry states another length than the page has"));
         }
-        let bytes = read(&*self.source, || page_name(s, id), entry.offset, length)?;
-        self.count(&self.reads.pages, length);
+        let bytes = self.fetch(section, |counts| &counts.pages, || page_name(s, id), entry.offset, length)?;
         if xxh3_64(&bytes) != entry.checksum {
             return Err(self.damaged(section, id, "its checksum does not fit its bytes"));
         }
@@ -323,14 +354,36 @@ impl Database {
         let s = &self.sections[section];
         let (at, length) = directory::block_span(s.pages, n);
         let what = || format!("block {n} of the directory of {}", s.name());
-        let bytes = read(&*self.source, what, s.offset + at, length)?;
-        self.count(&self.reads.directory_blocks, length);
+        let bytes = self.fetch(section, |counts| &counts.directory_blocks, what, s.offset + at, length)?;
         let Some(block) = directory::decode_block(n, &bytes) else {
             return Err(ReadError::Damaged { what: what(), detail: "its checksum does not fit its bytes".into() });
         };
         let block: Arc<[Entry]> = block.into();
         self.cache.insert(key, Cached::Directory(Arc::clone(&block)), length);
         Ok(block)
+    }
+
+    /// Reads a part of a section that has `length` bytes, which the caller has bounded: from the crown where it is in it, else
+    /// by itself, and then it is counted as `which`.
+    fn fetch(
+        &self,
+        section: usize,
+        which: impl Fn(&Counts) -> &Count,
+        what: impl Fn() -> String,
+        offset: u64,
+        length: usize,
+    ) -> Result<Vec<u8>, ReadError> {
+        let was_read = || {
+            self.crowns_read.fetch_add(1, Ordering::Relaxed);
+        };
+        if let Some(bytes) = self.crown.get(&*self.source, offset, length, was_read) {
+            return Ok(bytes.into());
+        }
+        let bytes = read(&*self.source, what, offset, length)?;
+        let Count(reads, read_bytes) = which(&self.reads[section]);
+        reads.fetch_add(1, Ordering::Relaxed);
+        read_bytes.fetch_add(length as u64, Ordering::Relaxed);
+        Ok(bytes)
     }
 
     pub(super) fn damaged(&self, section: usize, id: PageId, detail: impl Into<String>) -> ReadError {
@@ -387,6 +440,16 @@ impl HeightField for Database {
         let page = Arc::new(ExtremesPage::new(&*values.map_err(|e| self.damaged(section, id, e))?));
         self.cache.insert(key, Cached::Extremes(Arc::clone(&page)), page.weight());
         Ok(Some(page))
+    }
+
+    fn corner_heights(&self) -> Result<Option<[f64; 4]>, ReadError> {
+        let Some(section) = self.corners else { return Ok(None) };
+        let s = &self.sections[section];
+        let bytes = self.fetch(section, |counts| &counts.pages, || s.name(), s.offset, CORNERS_BYTES)?;
+        let Some(heights) = decode_corners(&bytes) else {
+            return Err(ReadError::Damaged { what: s.name(), detail: "its checksum does not fit its bytes".into() });
+        };
+        Ok(Some(heights.map(f64::from)))
     }
 }
 
@@ -467,10 +530,11 @@ fn read_manifest(source: &dyn PageSource, sections: &[Section]) -> Result<Manife
     })
 }
 
-/// The numbers of sections: of heights, of bounds by level from 1, of extremes by level from 1.
+/// The numbers of sections: of heights, of bounds by level from 1, of corners, of extremes by level from 1.
 struct Numbers {
     heights: usize,
     lattices: Vec<usize>,
+    corners: Option<usize>,
     extremes: Vec<usize>,
 }
 
@@ -479,7 +543,9 @@ fn check_sections(sections: &[Section], grid: Grid, format: u32) -> Result<Numbe
     let damaged = |detail: String| OpenError::damaged("table of sections", detail);
     let mut heights = Vec::new();
     let mut lattices = Vec::new();
+    let mut corners = None;
     let mut extremes = Vec::new();
+    let levels = stored_levels(grid.root().exponent()).len();
     for (number, section) in sections.iter().enumerate().skip(1) {
         let side = grid.root().side();
         let fits = match (section.kind, section.element) {
@@ -498,6 +564,12 @@ fn check_sections(sections: &[Section], grid: Grid, format: u32) -> Result<Numbe
                 section.level as usize == extremes.len()
                     && (section.columns, section.rows) == extremes::extent(grid, section.level)
             }
+            (Kind::Corners, Element::Byte) => {
+                let is_behind_bounds = lattices.len() == levels && extremes.is_empty();
+                let unused = [section.level, section.columns, section.rows];
+                let is_plain = unused == [0; 3] && section.length == CORNERS_BYTES as u64;
+                is_behind_bounds && is_plain && corners.replace(number).is_none()
+            }
             (Kind::Other(_), _) => continue,
             _ => false,
         };
@@ -507,7 +579,6 @@ fn check_sections(sections: &[Section], grid: Grid, format: u32) -> Result<Numbe
             return Err(damaged(format!("the entry of {} does not fit the grid", section.name())));
         }
     }
-    let levels = stored_levels(grid.root().exponent()).len();
     let levels_of_extremes = extremes::levels(grid) as usize;
     if !extremes.is_empty() && extremes.len() != levels_of_extremes {
         return Err(damaged(format!(
@@ -516,7 +587,7 @@ fn check_sections(sections: &[Section], grid: Grid, format: u32) -> Result<Numbe
         )));
     }
     match heights[..] {
-        [heights] if lattices.len() == levels => Ok(Numbers { heights, lattices, extremes }),
+        [heights] if lattices.len() == levels => Ok(Numbers { heights, lattices, corners, extremes }),
         _ => Err(damaged(format!(
             "{} sections of heights and {} of bounds, where 1 and {levels} are needed",
             heights.len(),

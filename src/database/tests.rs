@@ -216,6 +216,35 @@ fn heights_beside_bounds_are_those_of_the_posts_and_spare_pages_of_heights() {
     assert_eq!(old.bounds_and_height(p).unwrap(), (old.bounds(p).unwrap(), None));
 }
 
+/// The coarsest lattices and the corners are one read, whoever asks first, and what is read is the same.
+#[test]
+fn the_coarsest_lattices_are_read_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (field, path) = (terrain(400, 300, 31, 1, false), folder.path().join("it.sldb"));
+    write_to(&path, &field);
+    let database = Database::open(&path, OpenOptions::default()).unwrap();
+    let (root, expected) = (field.grid().root(), MemoryTerrain::new(field, SCALE).unwrap());
+    assert_eq!((root.side(), database.reads()), (512, Reads::default()));
+    let mut coarse = 0;
+    for (i, j) in (0..=512).step_by(8).flat_map(|j| (0..=512).step_by(8).map(move |i| (i, j))) {
+        let p = Post::new(i, j);
+        if !root.is_corner(p) {
+            assert_eq!(database.bounds(p), expected.bounds(p));
+            coarse += 1;
+        }
+    }
+    assert_eq!(coarse, 65 * 65 - 4);
+    assert!(database.corner_heights().unwrap().is_some());
+    let reads = database.reads();
+    assert_eq!((reads.crowns, reads.pages, reads.directory_blocks), (1, 0, 0));
+    assert!((10_000..65_537).contains(&reads.bytes), "{reads:?}");
+    // The next finer lattice is not in it.
+    database.bounds(Post::new(4, 4)).unwrap();
+    let reads = database.reads();
+    assert_eq!((reads.crowns, reads.pages, reads.directory_blocks), (1, 1, 1));
+    assert_eq!(database.reads_by_section().iter().map(|of| of.pages + of.directory_blocks).sum::<u64>(), 2);
+}
+
 /// Databases that a format version began with are read as they were meant. With SIGHTLINE_WRITE_GOLDEN set, the newest is
 /// written anew instead: for a new format version, beside the old files.
 #[test]

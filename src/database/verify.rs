@@ -60,8 +60,10 @@ pub(super) fn verify_source(
     let progress = |more| progress(more, total);
     for (number, section) in database.sections.iter().enumerate() {
         let Some(paging) = Paging::of_section(section).filter(|_| !matches!(section.kind, Kind::Other(_))) else {
-            if let Kind::Other(_) = section.kind {
-                found.unknown_sections.push(section.name());
+            match section.kind {
+                Kind::Other(_) => found.unknown_sections.push(section.name()),
+                Kind::Corners => found.damage.extend(check_corners(&database).err()),
+                _ => {}
             }
             continue;
         };
@@ -124,10 +126,14 @@ impl Seen {
     }
 
     fn failed(error: ReadError) -> Self {
-        let text = match error {
-            ReadError::Damaged { what, detail } | ReadError::Io { what, detail } => format!("{what}: {detail}"),
-        };
-        Self { damage: vec![text], ..Self::default() }
+        Self { damage: vec![words(error)], ..Self::default() }
+    }
+}
+
+/// What could not be read, and why.
+fn words(error: ReadError) -> String {
+    match error {
+        ReadError::Damaged { what, detail } | ReadError::Io { what, detail } => format!("{what}: {detail}"),
     }
 }
 
@@ -204,6 +210,19 @@ fn check_extremes(database: &Database, level: u32, id: PageId, values: &[Extreme
             if values[(j * PAGE_SIDE + i) as usize] != value {
                 return Err("its values are not those of the heights".into());
             }
+        }
+    }
+    Ok(())
+}
+
+/// Holds the heights of the corners against those of the posts. What cannot be read there is damage of its own, found there.
+fn check_corners(database: &Database) -> Result<(), String> {
+    let heights = database.corner_heights().map_err(words)?;
+    for (corner, z) in database.grid().root().corners().into_iter().zip(heights.into_iter().flatten()) {
+        let p = database.grid().clamp(corner);
+        let page = database.page(PageId::of(p)).ok();
+        if page.is_some_and(|page| page.at(p.i % PAGE_SIDE, p.j % PAGE_SIDE).z != z) {
+            return Err("corners: its heights are not those of the posts".into());
         }
     }
     Ok(())

@@ -14,6 +14,7 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::{
     budget::{Budget, DEFAULT_MEMORY_BYTES},
+    crown::{CORNERS_BYTES, encode_corners},
     directory::{self, BLOCK_ENTRIES, Entry},
     draft::{Draft, Heights, Measured},
     envelope,
@@ -233,6 +234,10 @@ impl<'a> Content<'a> {
         let mut hash = Xxh3::new();
         hash.update(&self.manifest.terrain.hashed_bytes()?);
         for section in &self.sections {
+            if section.kind == Kind::Corners {
+                let corners = encode_corners(self.draft.heights.of_corners()?);
+                sink.write_at(section.offset, &corners).map_err(io_error)?;
+            }
             let Some(paging) = Paging::of_section(section) else { continue };
             let is_hashed = is_hashed(section);
             if is_hashed {
@@ -337,6 +342,7 @@ pub(super) fn plan(
         let (kind, level) = (Kind::Bounds, k.into());
         sections.push(Section { kind, element, level, columns, rows, length, ..manifest });
     }
+    sections.push(Section { kind: Kind::Corners, flags: 0, length: CORNERS_BYTES as u64, ..manifest });
     for (level, &length) in (1..).zip(extremes) {
         let (columns, rows) = extremes::extent(grid, level);
         let element = if element == Element::I16 { Element::PairI16 } else { Element::PairI32 };

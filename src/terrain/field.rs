@@ -230,6 +230,12 @@ pub trait HeightField: Send + Sync {
         let _ = (level, id);
         Ok(None)
     }
+
+    /// The drawn heights at the corners of the root square, in the order of `RootSquare::corners`, where the field has them at
+    /// hand; `None` tells nothing: then they are where all heights are, in up to four pages far apart.
+    fn corner_heights(&self) -> Result<Option<[f64; 4]>, ReadError> {
+        Ok(None)
+    }
 }
 
 /// Number of pages of heights that a [`Posts`] keeps at hand; a power of two.

@@ -91,8 +91,13 @@ impl<T: Terrain> DualQueue<T> {
         let mut reader = Reader::new(terrain, scale);
         let (grid, root) = (reader.grid(), reader.grid().root());
         let mut corner_heights = [0.0; 4];
-        for (slot, corner) in corner_heights.iter_mut().zip(root.corners()) {
-            *slot = reader.height(grid.clamp(corner))?;
+        match reader.terrain().corner_heights()? {
+            Some(known) => corner_heights = known,
+            None => {
+                for (slot, corner) in corner_heights.iter_mut().zip(root.corners()) {
+                    *slot = reader.height(grid.clamp(corner))?;
+                }
+            }
         }
         let mut queue = Self {
             reader,

@@ -1,6 +1,6 @@
-//! What the benchmarks share: a square piece of a database in memory.
+//! What the benchmarks share: a square piece of a database in memory, and a file that the system does not keep.
 
-use std::error::Error;
+use std::{error::Error, path::Path, process::Command};
 
 use sightline::{
     database::Database,
@@ -37,4 +37,12 @@ pub fn cut(
         }
     })?;
     failure.map_or(Ok(field), |error| Err(error.into()))
+}
+
+/// Has the system drop what it keeps of a file, by `dd` with `iflag=nocache`.
+pub fn forget(path: &Path) -> Result<(), Box<dyn Error>> {
+    let mut file = std::ffi::OsString::from("if=");
+    file.push(path);
+    let done = Command::new("dd").arg(file).args(["iflag=nocache", "count=0", "status=none"]).status()?;
+    if done.success() { Ok(()) } else { Err(format!("dd ended with {done}").into()) }
 }

@@ -16,6 +16,7 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 const HEADER_BYTES: usize = 40;
 const SECTION_BYTES: usize = 56;
 const MANIFEST: u32 = 1;
+const CORNERS: u32 = 5;
 /// Bytes of a manifest before its value, of a directory's entry, and entries of a block of it.
 const MANIFEST_HEAD_BYTES: usize = 32;
 const ENTRY_BYTES: usize = 24;
@@ -50,6 +51,7 @@ pub(crate) fn repair(bytes: &mut [u8]) -> Option<()> {
         let (Some(offset), Some(length)) = (u64_at(bytes, at + 32), u64_at(bytes, at + 40)) else { break };
         let _ = match kind {
             MANIFEST => repair_manifest(bytes, offset, length),
+            CORNERS => repair_corners(bytes, offset),
             _ => repair_pages(bytes, offset, pages),
         };
     }
@@ -66,6 +68,13 @@ fn repair_manifest(bytes: &mut [u8], offset: u64, length: u64) -> Option<()> {
     let version = u32_at(bytes, start.checked_add(8)?)?;
     let sum = xxh3_64_with_seed(bytes.get(start.checked_add(MANIFEST_HEAD_BYTES)?..end)?, version.into());
     put(bytes, start + 24, sum)
+}
+
+fn repair_corners(bytes: &mut [u8], offset: u64) -> Option<()> {
+    let start = place(offset)?;
+    let end = start.checked_add(16)?;
+    let sum = xxh3_64(bytes.get(start..end)?);
+    put(bytes, end, sum)
 }
 
 fn repair_pages(bytes: &mut [u8], offset: u64, pages: u64) -> Option<()> {
@@ -112,6 +121,7 @@ fn read(database: &Database) -> Result<(), String> {
             read.map_err(|error| error.to_string())?;
         }
     }
+    database.corner_heights().map_err(|error| error.to_string())?;
     let (root, side) = (grid.root(), grid.root().side());
     for (i, j) in (0..=side).take(POSTS as usize).flat_map(|n| [(0, n), (side / 2, n), (n, 2.min(side)), (n, n)]) {
         let p = Post::new(i, j);

@@ -8,7 +8,6 @@
 use std::{
     error::Error,
     path::Path,
-    process::Command,
     sync::Arc,
     thread,
     time::{Duration, Instant},
@@ -23,6 +22,7 @@ use sightline::{
     terrain::{HeightField, Posts},
     view::{Camera, Projection},
 };
+use sightline_bench::forget;
 use sightline_proto::diamond::Post;
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
@@ -139,12 +139,4 @@ impl Flight<'_> {
         );
         Ok((summary, hashes))
     }
-}
-
-/// Has the system drop what it keeps of a file.
-fn forget(path: &Path) -> Result<()> {
-    let mut file = std::ffi::OsString::from("if=");
-    file.push(path);
-    let done = Command::new("dd").arg(file).args(["iflag=nocache", "count=0", "status=none"]).status()?;
-    if done.success() { Ok(()) } else { Err(format!("dd ended with {done}").into()) }
 }
