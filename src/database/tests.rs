@@ -245,11 +245,11 @@ fn the_coarsest_lattices_are_read_at_once() {
     assert_eq!(database.reads_by_section().iter().map(|of| of.pages + of.directory_blocks).sum::<u64>(), 2);
 }
 
-/// Databases that a format version began with are read as they were meant. With SIGHTLINE_WRITE_GOLDEN set, the newest is
-/// written anew instead: for a new format version, beside the old files.
+/// Databases that a format version, or a section within it, began with are read as they were meant. With
+/// SIGHTLINE_WRITE_GOLDEN set, the newest is written anew instead: for a new version or section, beside the old files.
 #[test]
 fn the_golden_databases_are_read_as_they_were_written() {
-    let golden = |version: u32| {
+    let golden = |version: &str| {
         Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/terrain-20x13-v{version}.sldb"))
     };
     let field = terrain(20, 13, 77, 1, true);
@@ -257,10 +257,13 @@ fn the_golden_databases_are_read_as_they_were_written() {
     let provenance = Provenance { sources: vec!["synthetic".into()], ..Provenance::default() };
     let described = Description { georeference: Some(place), provenance, ..description() };
     if std::env::var_os("SIGHTLINE_WRITE_GOLDEN").is_some() {
-        write(&golden(super::format::VERSION), true, &field, &described, &mut |_| ()).unwrap();
+        write(&golden(NEWEST_GOLDEN), true, &field, &described, &mut |_| ()).unwrap();
     }
+    let corners = field.grid().root().corners().map(|p| Posts::new(&field).at(field.grid().clamp(p)).unwrap().z);
     let (expected, recomputed) = everything(&MemoryTerrain::new(field, SCALE).unwrap()).unwrap();
-    for (version, terrain_version) in [(1, [70, 160, 8, 24]), (2, GOLDEN_2), (3, GOLDEN_3)] {
+    // Corners follow from heights: the terrain is the same with them.
+    let versions = [("1", [70, 160, 8, 24]), ("2", GOLDEN_2), ("3", GOLDEN_3), (NEWEST_GOLDEN, GOLDEN_3)];
+    for (version, terrain_version) in versions {
         let golden = golden(version);
         assert!(verify(&golden, &|_, _| ()).unwrap().damage.is_empty());
         let database = Database::open(&golden, OpenOptions::default()).unwrap();
@@ -271,9 +274,12 @@ fn the_golden_databases_are_read_as_they_were_written() {
         assert_eq!((database.georeference(), database.scale()), (Some(place), SCALE));
         assert_eq!(database.provenance(), &described.provenance);
         assert_eq!(database.version()[..4], terrain_version);
+        assert_eq!(database.corner_heights(), Ok((version == NEWEST_GOLDEN).then_some(corners)));
     }
 }
 
+/// Which of the golden databases is like those that are written today.
+const NEWEST_GOLDEN: &str = "3-corners";
 /// The first bytes of the terrain version of the golden database of format version 2.
 const GOLDEN_2: [u8; 4] = [212, 213, 222, 165];
 /// Those of format version 3.

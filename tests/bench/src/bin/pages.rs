@@ -127,6 +127,8 @@ fn unit(n: u64) -> f64 {
 
 /// What one view read, and what it needed.
 struct View {
+    /// Posts east and north of the south-western one.
+    eye: [f64; 2],
     reads: Reads,
     /// By the name of a section.
     by_section: Vec<(String, Reads)>,
@@ -162,14 +164,16 @@ impl View {
         let Reads { pages, directory_blocks, crowns, bytes, .. } = self.reads;
         let [count, page_bytes, all_bytes, reads] = self.ratios();
         format!(
-            "{pages}, {directory_blocks}, {crowns}, {}; {}, {}; {:.1} ({} triangles, {} diamonds asked for); \
+            "{pages}, {directory_blocks}, {crowns}, {}; {}, {}; {:.1} ({} triangles, {} diamonds asked for, from {:.0}, {:.0}); \
              {count:.2} {page_bytes:.2} {all_bytes:.2} {reads:.2}",
             bytes >> 10,
             self.needed,
             self.rows,
             self.ms,
             self.triangles,
-            self.asked.len()
+            self.asked.len(),
+            self.eye[0],
+            self.eye[1]
         )
     }
 }
@@ -222,7 +226,8 @@ fn view(path: &Path, triangles: u32, n: u32, attempts: u64) -> Result<View> {
     }
     let needed = (heights.len() as u64).div_ceil(PAGE_POSTS) + stored.div_ceil(3 * PAGE_QUADS);
     let (rows, triangles) = (rows.len(), report.triangles);
-    Ok(View { reads, by_section, crown_bytes, asked, in_picture, finest, needed, rows, triangles, ms })
+    let eye = camera.eye().map_or([0.0; 2], |eye| [eye.x / scale.east_m, eye.y / scale.north_m]);
+    Ok(View { eye, reads, by_section, crown_bytes, asked, in_picture, finest, needed, rows, triangles, ms })
 }
 
 /// Whether bounds of the diamond at `p` are stored.
