@@ -113,7 +113,8 @@ impl Flight<'_> {
             ms.push(started.elapsed().as_secs_f64() * 1e3);
             // Of whichever thread.
             reading += u32::from(database.reads().pages > reads);
-            let sum = |posts: &[Post]| posts.iter().fold(0_u64, |all, p| all.wrapping_add(p.key().wrapping_mul(0x9e37)));
+            let sum =
+                |posts: &[Post]| posts.iter().fold(0_u64, |all, p| all.wrapping_add(p.key().wrapping_mul(0x9e37)));
             hashes.push(sum(&report.added).wrapping_sub(sum(&report.removed)));
         }
         let cost = match ahead.map(|ahead| ahead.done()) {
