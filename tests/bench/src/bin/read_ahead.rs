@@ -1,6 +1,7 @@
 //! What reading ahead of a moving view gains and costs: frames of a flight over a database that was just opened, its file out
 //! of the system's cache, with a page cache that holds little more than one view; without reading ahead, and with the
-//! thread that a server has for it. Frames are due 60 times a second; the meshes of both ways must be equal.
+//! thread that a server has for it. Frames are due 60 times a second; the meshes of both ways must be equal. Then, without
+//! clocks and threads, how many pages frames have to read themselves when there is a look ahead after every eighth.
 //!
 //! `cargo run --release --manifest-path tests/bench/Cargo.toml --bin read_ahead -- DATABASE [FRAMES] [TRIANGLES] [MIB]`. The
 //! system's pages of the file are dropped by `dd` with `iflag=nocache`.
@@ -16,7 +17,7 @@ use std::{
 use glam::{DQuat, DVec3};
 use sightline::{
     database::{Database, OpenOptions},
-    roam::{Target, ViewMesh},
+    roam::{Preview, Target, ViewMesh},
     service::{Lookout, ReadAhead},
     session::{Course, Pose},
     terrain::{HeightField, Posts},
@@ -30,6 +31,8 @@ type Result<T> = std::result::Result<T, Box<dyn Error>>;
 const RATE_HZ: f64 = 60.0;
 /// How far ahead is read: a server's default.
 const AHEAD: Duration = Duration::from_millis(250);
+/// Frames between two looks ahead: half of that time.
+const FRAMES_A_LOOK: usize = 8;
 
 /// Speed in metres a second and turn in degrees a second.
 const FLIGHTS: [(&str, f64, f64); 4] = [
@@ -68,6 +71,8 @@ fn main() -> Result<()> {
             return Err("meshes differ".into());
         }
         println!("{name}\n  as needed: {without}\n  ahead:     {with}");
+        let [(frames, pages), (left, of_them)] = [flight.read_by_frames(false)?, flight.read_by_frames(true)?];
+        println!("  frames that read: {frames}, {pages} pages; with looks ahead {left}, {of_them} pages");
     }
     Ok(())
 }
@@ -98,21 +103,18 @@ impl Flight<'_> {
         let ahead = is_read_ahead.then(|| ReadAhead::start(Arc::clone(&database), AHEAD, || false)).transpose()?;
         let lookout: Option<Lookout<Database>> = ahead.as_ref().map(ReadAhead::lookout);
         let mut course = Course::new(0.0, self.poses[0]);
-        let (mut ms, mut hashes, mut reading) = (Vec::new(), Vec::new(), 0);
+        let (mut ms, mut hashes) = (Vec::new(), Vec::new());
         let began = Instant::now();
         for (n, pose) in self.poses.iter().enumerate() {
             let due = Duration::from_secs_f64(n as f64 / RATE_HZ);
             thread::sleep(due.saturating_sub(began.elapsed()));
             course.steer(1e3 * due.as_secs_f64(), *pose);
-            let (camera, reads, started) = (camera(pose)?, database.reads().pages, Instant::now());
+            let (camera, started) = (camera(pose)?, Instant::now());
             let report = mesh.update(&camera, self.target, &[])?;
             if let Some(lookout) = &lookout {
-                let pose = || course.ahead(1e3 * AHEAD.as_secs_f64());
-                lookout.tell(|| Some(mesh.preview(self::camera(&pose()?).ok()?)));
+                lookout.tell(|| preview(&mesh, &course));
             }
             ms.push(started.elapsed().as_secs_f64() * 1e3);
-            // Of whichever thread.
-            reading += u32::from(database.reads().pages > reads);
             let sum =
                 |posts: &[Post]| posts.iter().fold(0_u64, |all, p| all.wrapping_add(p.key().wrapping_mul(0x9e37)));
             hashes.push(sum(&report.added).wrapping_sub(sum(&report.removed)));
@@ -122,16 +124,16 @@ impl Flight<'_> {
                 let each = done.took.as_secs_f64() * 1e3 / done.looks.max(1) as f64;
                 let share = done.took.as_secs_f64() / began.elapsed().as_secs_f64();
                 let (looks, dropped) = (done.looks, done.dropped);
-                format!("{looks} looks ({dropped} dropped) of {each:.2} ms, {:.1} % of a core", 100.0 * share)
+                format!("; {looks} looks ({dropped} dropped) of {each:.2} ms, {:.1} % of a core", 100.0 * share)
             }
-            None => format!("{reading} frames read"),
+            None => String::new(),
         };
         let first_ms = ms.remove(0);
         let own = ms.iter().sum::<f64>() / ms.len() as f64;
         ms.sort_by(f64::total_cmp);
         let at = |share: f64| ms[((ms.len() - 1) as f64 * share) as usize];
         let summary = format!(
-            "mean {own:.3}, p50 {:.3}, p95 {:.3}, p99 {:.3}, max {:.3} ms; first {first_ms:.1} ms; {} pages; {cost}",
+            "mean {own:.3}, p50 {:.3}, p95 {:.3}, p99 {:.3}, max {:.3} ms; first {first_ms:.1} ms; {} pages{cost}",
             at(0.5),
             at(0.95),
             at(0.99),
@@ -140,4 +142,34 @@ impl Flight<'_> {
         );
         Ok((summary, hashes))
     }
+
+    /// How many frames after the first one read pages, and how many.
+    fn read_by_frames(&self, is_read_ahead: bool) -> Result<(u64, u64)> {
+        let database = Arc::new(Database::open(self.path, self.options)?);
+        let mut mesh = ViewMesh::new(Arc::clone(&database), database.scale())?;
+        let mut course = Course::new(0.0, self.poses[0]);
+        let (mut frames, mut pages) = (0, 0);
+        for (n, pose) in self.poses.iter().enumerate() {
+            course.steer(1e3 * n as f64 / RATE_HZ, *pose);
+            let before = database.reads().pages;
+            mesh.update(&camera(pose)?, self.target, &[])?;
+            let read = database.reads().pages - before;
+            if n > 0 {
+                (frames, pages) = (frames + u64::from(read > 0), pages + read);
+            }
+            if is_read_ahead
+                && n % FRAMES_A_LOOK == 0
+                && let Some(mut preview) = preview(&mesh, &course)
+            {
+                preview.step(usize::MAX)?;
+            }
+        }
+        Ok((frames, pages))
+    }
+}
+
+/// A look at what the view will need.
+fn preview(mesh: &ViewMesh<Database>, course: &Course) -> Option<Preview<Database>> {
+    let pose = course.ahead(1e3 * AHEAD.as_secs_f64())?;
+    Some(mesh.preview(camera(&pose).ok()?))
 }
