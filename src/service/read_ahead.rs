@@ -65,8 +65,8 @@ struct Desk<T> {
 struct Guesses<T> {
     next: u64,
     places: BTreeMap<u64, Place<T>>,
-    /// Handles that can still leave a guess.
-    handles: usize,
+    /// Whether no more places will come.
+    is_closed: bool,
 }
 
 struct Place<T> {
@@ -87,7 +87,7 @@ impl<T> Desk<T> {
     fn take(&self) -> Option<(u64, Instant, Preview<T>)> {
         let mut guesses = self.guesses();
         loop {
-            if guesses.handles == 0 {
+            if guesses.is_closed && guesses.places.is_empty() {
                 return None;
             }
             let waiting = guesses.places.iter_mut().filter(|(_, place)| place.guess.is_some());
@@ -106,20 +106,12 @@ impl<T> Desk<T> {
             place.free = Instant::now() + place.rest;
         }
     }
-
-    fn leave(&self, number: Option<u64>) {
-        let mut guesses = self.guesses();
-        let _left = number.and_then(|number| guesses.places.remove(&number));
-        guesses.handles -= 1;
-        drop(guesses);
-        self.news.notify_all();
-    }
 }
 
 impl<T: ServedTerrain> ReadAhead<T> {
     /// Starts the thread for views of `terrain`, which looks so far ahead, and gives way while `is_busy`.
     pub fn start(terrain: Arc<T>, time: Duration, is_busy: impl Fn() -> bool + Send + 'static) -> io::Result<Self> {
-        let guesses = Guesses { next: 0, places: BTreeMap::new(), handles: 1 };
+        let guesses = Guesses { next: 0, places: BTreeMap::new(), is_closed: false };
         let desk = Arc::new(Desk {
             time,
             guesses: Mutex::new(guesses),
@@ -151,7 +143,6 @@ impl<T: ServedTerrain> ReadAhead<T> {
         let mut guesses = self.desk.guesses();
         let number = guesses.next;
         guesses.next += 1;
-        guesses.handles += 1;
         guesses.places.insert(number, Place { guess: None, free: Instant::now(), rest: self.desk.time / 2 });
         drop(guesses);
         Lookout { desk: Arc::clone(&self.desk), number }
@@ -189,13 +180,16 @@ impl<T> Lookout<T> {
 
 impl<T> Drop for ReadAhead<T> {
     fn drop(&mut self) {
-        self.desk.leave(None);
+        self.desk.guesses().is_closed = true;
+        self.desk.news.notify_one();
     }
 }
 
 impl<T> Drop for Lookout<T> {
     fn drop(&mut self) {
-        self.desk.leave(Some(self.number));
+        // Dropped when the others may go on.
+        let _left = self.desk.guesses().places.remove(&self.number);
+        self.desk.news.notify_one();
     }
 }
 
